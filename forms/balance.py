@@ -1,0 +1,208 @@
+"""The balance of a sheet, eq. (12): a sum of effects, varied.
+
+A time step minimises the incremental potential W(chi) + R(rate)/c with the rate
+c chi + (known history), where c is 1/dt for backward Euler. Stored energies and
+Rayleigh potentials therefore enter alike, each as a density at a point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import ufl
+
+from .effect import Effect, Values
+from .interior_penalty import edge_penalty, facet_penalty
+from .kinematics import Edge, Facet, Pair, Point
+from .places import edge_of, edge_variation, facet_of, facet_variation, point_of, point_variation
+from .variation import first_variation, mixed_variation, second_variation
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect of the scene with its parameter values.
+
+    Attributes:
+        effect: The effect.
+        values: UFL scalars by parameter name (a pair where it is per family).
+        weight: UFL scalar that multiplies the term in :meth:`Balance.potential` and
+            :meth:`Balance.power` (and nowhere else), so that one compiled form can
+            give each effect's share.
+    """
+
+    effect: Effect
+    values: Values
+    weight: Any
+
+
+@dataclass(frozen=True)
+class Rate:
+    """Rate of a measure m: weights[0] m(now) + sum_i weights[i] m(history[i-1]), 1/s."""
+
+    weights: Sequence[Any]
+    history: Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Line:
+    """The integral of some effects over facets or edges, for one family.
+
+    Attributes:
+        place: Measures of the present state there.
+        terms: The effects with their energies per length (J/m).
+        vary: Variations of the place's measures by a test or trial field.
+        measure: UFL measure.
+    """
+
+    place: Facet | Edge
+    terms: Sequence[tuple[Term, Callable[[Any, Values], Any]]]
+    vary: Callable[[Any], list[Any]]
+    measure: Any
+
+    def energy(self, place: Any) -> Any:
+        """Return the energy per length of all terms at a place."""
+        return sum(energy(place, term.values) for term, energy in self.terms)
+
+    def weighted(self) -> Any:
+        """Return the energy per length, each term times its weight."""
+        return sum(term.weight * energy(self.place, term.values) for term, energy in self.terms)
+
+
+@dataclass(frozen=True)
+class Balance:
+    """Everything that the balance of one scene is made of, as symbols.
+
+    Attributes:
+        terms: The effects of the scene.
+        fibres: Reference directions D_1, D_2, shape (2,) each.
+        field: Displacement, shape (2,) or (4,), m.
+        rate: How rates are formed; None where no effect needs one.
+        degree: Degree of the elements.
+        quadrature: Quadrature degree of all integrals.
+        penalty: sigma of the interior penalty, None for the automatic one.
+        held_edges: Measure of the edges that hold yarn directions, or None.
+    """
+
+    terms: tuple[Term, ...]
+    fibres: Pair
+    field: Any
+    rate: Rate | None
+    degree: int
+    quadrature: int
+    penalty: Any | None = None
+    held_edges: Any | None = None
+
+    @property
+    def second_gradient(self) -> bool:
+        """Whether any effect needs second derivatives."""
+        return any(t.effect.needs.second_gradient for t in self.terms)
+
+    def potential(self) -> Any:
+        """Return the incremental potential (J), each term times its weight."""
+        point = self._point(self.field)
+        total = sum(t.weight * self._density(t, point) for t in self.terms) * self._dx
+        for line in self.lines():
+            total += line.weighted() * line.measure
+        return total
+
+    def power(self) -> Any | None:
+        """Return the dissipated power (W), each term times its weight; None if no friction."""
+        point = self._point(self.field)
+        lossy = [t for t in self.terms if t.effect.dissipative]
+        if not lossy:
+            return None
+        return sum(t.weight * self._dissipated(t, point) for t in lossy) * self._dx
+
+    def residual(self, test: Any) -> Any:
+        """Return the first variation of the potential (N) for a test field."""
+        point = self._point(self.field)
+        total = first_variation(self._density_of(self.terms), point, self._vary(test)) * self._dx
+        for line in self.lines():
+            total += first_variation(line.energy, line.place, line.vary(test)) * line.measure
+        return total
+
+    def jacobian(self, trial: Any, test: Any, last: Any | None = None) -> Any:
+        """Return the tangent of the residual.
+
+        Args:
+            trial: Trial field.
+            test: Test field.
+            last: Displacement of the last iterate for the mixed-integration-point
+                tangent; None for the plain second variation.
+        """
+        point, s, t = self._point(self.field), self._vary(trial), self._vary(test)
+        mixed = [k for k in self.terms if k.effect.strains is not None and last is not None]
+        plain = [k for k in self.terms if k not in mixed]
+        total = ufl.as_ufl(0.0)
+        if plain:
+            total += second_variation(self._density_of(plain), point, s, t)
+        for term in mixed:
+            strains = _bound(term.effect.strains, term.values)
+            total += mixed_variation(strains, point, self._point(last), s, t)
+        total *= self._dx
+        for line in self.lines():
+            s, t = line.vary(trial), line.vary(test)
+            total += second_variation(line.energy, line.place, s, t) * line.measure
+        return total
+
+    @property
+    def _dx(self) -> Any:
+        return ufl.dx(metadata={"quadrature_degree": self.quadrature})
+
+    def _point(self, field: Any) -> Point:
+        return point_of(field, self.fibres, self.second_gradient)
+
+    def _vary(self, field: Any) -> list[Any]:
+        return point_variation(field, self.fibres, self.second_gradient)
+
+    def _density(self, term: Term, point: Point) -> Any:
+        """Return the term's share of the incremental potential density (J/m^2)."""
+        effect = term.effect
+        if effect.dissipation is None:
+            return effect.stored(point, term.values)
+        assert self.rate is not None
+        return effect.dissipation(self._rate_of(effect, point), term.values) / self.rate.weights[0]
+
+    def _dissipated(self, term: Term, point: Point) -> Any:
+        """Return the dissipated power density dR/d(rate)·rate (W/m^2)."""
+        assert term.effect.dissipation is not None
+        rate = ufl.variable(self._rate_of(term.effect, point))
+        return ufl.inner(ufl.diff(term.effect.dissipation(rate, term.values), rate), rate)
+
+    def _rate_of(self, effect: Effect, point: Point) -> Any:
+        assert self.rate is not None and effect.measure is not None
+        now, *before = self.rate.weights
+        total = now * effect.measure(point)
+        for weight, field in zip(before, self.rate.history, strict=True):
+            total += weight * effect.measure(self._point(field))
+        return total
+
+    def _density_of(self, terms: Sequence[Term]) -> Callable[[Point], Any]:
+        return lambda point: sum(self._density(t, point) for t in terms)
+
+    def lines(self) -> list[Line]:
+        """Return the integrals over facets and over edges that hold yarn directions."""
+        mesh = ufl.domain.extract_unique_domain(self.field)
+        normal, rule = ufl.FacetNormal(mesh), {"quadrature_degree": self.quadrature}
+        on_facets = [(t, t.effect.facet_energy) for t in self.terms if t.effect.facet_energy]
+        on_edges = [(t, t.effect.edge_energy) for t in self.terms if t.effect.edge_energy]
+        found = []
+        for a in (0, 1):
+            if on_facets:
+                penalty = facet_penalty(mesh, self.degree, self.penalty)
+                facet = facet_of(self.field, self.fibres, a, penalty, normal)
+                vary = partial(facet_variation, fibres=self.fibres, family=a)
+                found.append(Line(facet, on_facets, vary, ufl.dS(metadata=rule)))
+            if on_edges and self.held_edges is not None:
+                penalty = edge_penalty(mesh, self.degree, self.penalty)
+                edge = edge_of(self.field, self.fibres, a, penalty, normal)
+                vary = partial(edge_variation, fibres=self.fibres, family=a)
+                found.append(Line(edge, on_edges, vary, self.held_edges(metadata=rule)))
+        return found
+
+
+def _bound(function: Any, values: Values) -> Callable[[Any], Any]:
+    return lambda place: function(place, values)

@@ -1,0 +1,25 @@
+"""The effects found in this folder: every module that defines ``EFFECT``."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+
+from .effect import Effect
+
+
+@cache
+def effects() -> Mapping[str, Effect]:
+    """Return all effects by name, in alphabetical order of their files."""
+    package = importlib.import_module(__package__ or "forms")
+    found = {}
+    for module in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
+        effect = getattr(
+            importlib.import_module(f"{package.__name__}.{module.name}"), "EFFECT", None
+        )
+        if isinstance(effect, Effect):
+            found[effect.name] = effect
+    return MappingProxyType(found)

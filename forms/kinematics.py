@@ -1,0 +1,187 @@
+"""Deformation measures of a sheet of two yarn families (paper, section 2).
+
+All functions take and return UFL expressions. ``f_a`` is the derivative of the
+placement of family ``a`` along its reference fibre direction ``D_a`` (shape (2,),
+no unit) and ``g_a`` the second such derivative (shape (2,), 1/m).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import ufl
+
+Pair = tuple[Any, Any]
+
+
+@dataclass(frozen=True)
+class Point:
+    """What the energy densities may depend on at a point of the sheet.
+
+    Attributes:
+        f: For each family, derivative of the placement along its fibre, shape (2,).
+        g: For each family, second derivative along the fibre, shape (2,), 1/m.
+        slip: chi_1 - chi_2, shape (2,), m; None with one placement.
+        fibres: Reference directions D_1, D_2, shape (2,) each.
+    """
+
+    f: Pair
+    g: Pair | None
+    slip: Any | None
+    fibres: Pair
+
+    @property
+    def measures(self) -> list[Any]:
+        """The independent quantities, in a fixed order."""
+        return [*self.f, *(self.g or ()), *(() if self.slip is None else (self.slip,))]
+
+    def with_measures(self, measures: list[Any]) -> Point:
+        """Return this point with other quantities, in the order of ``measures``."""
+        rest = list(measures)
+        f = (rest.pop(0), rest.pop(0))
+        g = None if self.g is None else (rest.pop(0), rest.pop(0))
+        slip = None if self.slip is None else rest.pop(0)
+        return Point(f, g, slip, self.fibres)
+
+
+@dataclass(frozen=True)
+class Facet:
+    """One family on both sides of an interior facet; n points from + to -.
+
+    Attributes:
+        f_plus, f_minus: First fibre derivatives, shape (2,).
+        g_plus, g_minus: Second fibre derivatives, shape (2,), 1/m.
+        along: D·n, the fibre's component across the facet.
+        family: 0 or 1.
+        penalty: Stabilisation over length sigma/h, 1/m.
+    """
+
+    f_plus: Any
+    f_minus: Any
+    g_plus: Any
+    g_minus: Any
+    along: Any
+    family: int
+    penalty: Any
+
+    @property
+    def measures(self) -> list[Any]:
+        """The independent quantities, in a fixed order."""
+        return [self.f_plus, self.f_minus, self.g_plus, self.g_minus]
+
+    def with_measures(self, measures: list[Any]) -> Facet:
+        """Return this facet with other quantities, in the order of ``measures``."""
+        f_plus, f_minus, g_plus, g_minus = measures
+        return Facet(f_plus, f_minus, g_plus, g_minus, self.along, self.family, self.penalty)
+
+
+@dataclass(frozen=True)
+class Edge:
+    """One family on a boundary facet where its yarn direction is held.
+
+    Attributes:
+        f: First fibre derivative, shape (2,).
+        g: Second fibre derivative, shape (2,), 1/m.
+        held: The direction that the yarn is held in, unit vector, shape (2,).
+        along: D·n with the outward normal.
+        family: 0 or 1.
+        penalty: Stabilisation over length sigma/h, 1/m.
+    """
+
+    f: Any
+    g: Any
+    held: Any
+    along: Any
+    family: int
+    penalty: Any
+
+    @property
+    def measures(self) -> list[Any]:
+        """The independent quantities, in a fixed order."""
+        return [self.f, self.g]
+
+    def with_measures(self, measures: list[Any]) -> Edge:
+        """Return this edge with other quantities, in the order of ``measures``."""
+        f, g = measures
+        return Edge(f, g, self.held, self.along, self.family, self.penalty)
+
+
+def label(place: Any) -> Any:
+    """Return the place with each measure made a variable to differentiate by."""
+    return place.with_measures([ufl.variable(m) for m in place.measures])
+
+
+def along(direction: Any, field: Any) -> Any:
+    """Return the derivative of a vector field along ``direction``."""
+    return ufl.dot(ufl.grad(field), direction)
+
+
+def twice_along(direction: Any, field: Any) -> Any:
+    """Return the second derivative of a vector field along a constant ``direction``."""
+    i, j, k = ufl.indices(3)
+    second = ufl.grad(ufl.grad(field))
+    return ufl.as_vector(second[i, j, k] * direction[j] * direction[k], i)
+
+
+def norm(v: Any) -> Any:
+    """Return the Euclidean length of a vector."""
+    return ufl.sqrt(ufl.dot(v, v))
+
+
+def stretch(f: Any) -> Any:
+    """Return the fibre stretch |f| - 1, eq. (3)."""
+    return norm(f) - 1
+
+
+def tangent(f: Any) -> Any:
+    """Return the unit tangent e = f/|f| of the current fibre."""
+    return f / norm(f)
+
+
+def cross(a: Any, b: Any) -> Any:
+    """Return the out-of-plane component of a × b."""
+    return a[0] * b[1] - a[1] * b[0]
+
+
+def orientation(fibres: Pair) -> Any:
+    """Return the reference value of D_1 × D_2; its sign must never be lost."""
+    return cross(*fibres)
+
+
+def shear_angle(f: Pair, fibres: Pair) -> Any:
+    """Return gamma = arcsin(e_1·e_2), eq. (4), less its value at rest.
+
+    Written with the two-argument arctangent, which is the same angle and has a
+    bounded derivative up to the locking angle.
+    """
+    return _angle(*f, fibres) - _angle(*fibres, fibres)
+
+
+def _angle(a: Any, b: Any, fibres: Pair) -> Any:
+    return ufl.atan2(ufl.dot(a, b), _facing(a, b, fibres))
+
+
+def shear_tangent(f: Pair, fibres: Pair) -> Any:
+    """Return tan(arcsin(e_1·e_2)) less its value at rest, eq. (2).
+
+    It grows without bound as the families align. For orthogonal fibres the value
+    at rest is zero and this is the paper's expression; for others it keeps the
+    reference state free of stress.
+    """
+    rest = ufl.dot(*fibres) / _facing(*fibres, fibres)
+    return ufl.dot(*f) / _facing(*f, fibres) - rest
+
+
+def _facing(a: Any, b: Any, fibres: Pair) -> Any:
+    """Return a × b counted positive in the orientation of the reference fibres."""
+    return cross(a, b) * ufl.sign(orientation(fibres))
+
+
+def curvature_vector(f: Any, g: Any) -> Any:
+    """Return de/dD, the derivative of the unit tangent along the fibre, 1/m.
+
+    Its length is kappa of eq. (5).
+    """
+    e = tangent(f)
+    return (g - ufl.dot(e, g) * e) / norm(f)

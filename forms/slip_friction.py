@@ -1,0 +1,39 @@
+"""Friction of yarns that slide over each other, eqs. (7) to (9).
+
+R = zeta/eta sum_i log cosh(eta w_i), with w_i the components of the rate of
+chi_1 - chi_2 along the reference directions D_1 and D_2.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import ufl
+
+from .effect import Effect, Needs, Parameter, Values
+from .friction import smoothed_coulomb
+from .kinematics import Point
+
+
+def slip(point: Point) -> Any:
+    """Return chi_1 - chi_2 along D_1 and D_2, shape (2,), m."""
+    return ufl.as_vector([ufl.dot(point.slip, d) for d in point.fibres])
+
+
+def dissipation(rate: Any, values: Values) -> Any:
+    """Return the Rayleigh potential (W/m^2) of a slip rate, shape (2,), m/s."""
+    return sum(smoothed_coulomb(rate[i], values["strength"], values["slope"]) for i in range(2))
+
+
+EFFECT = Effect(
+    name="slip_friction",
+    summary="Friction between sliding yarns, paper eqs. (7) to (9)",
+    parameters=(
+        Parameter("strength", "N/m^2", "largest friction stress zeta"),
+        Parameter("slope", "s/m", "eta, one over the slip rate of saturation", zero_allowed=False),
+    ),
+    needs=Needs(placements=2, rate=True),
+    dissipation=dissipation,
+    measure=slip,
+    resists=frozenset({"slip"}),
+)

@@ -1,0 +1,37 @@
+"""Friction of yarns that turn on each other, eqs. (10) and (11).
+
+R = zeta/eta log cosh(eta dgamma/dt).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from .effect import Effect, Needs, Parameter, Values
+from .friction import smoothed_coulomb
+from .kinematics import Point, shear_angle
+
+
+def angle(point: Point) -> Any:
+    """Return the shear angle gamma (rad)."""
+    return shear_angle(point.f, point.fibres)
+
+
+def dissipation(rate: Any, values: Values) -> Any:
+    """Return the Rayleigh potential (W/m^2) of a shear rate (rad/s)."""
+    return smoothed_coulomb(rate, values["strength"], values["slope"])
+
+
+EFFECT = Effect(
+    name="spin_friction",
+    summary="Friction between yarns that rotate on each other, paper eqs. (10) and (11)",
+    parameters=(
+        Parameter("strength", "N/m", "largest friction torque per area zeta_spin"),
+        Parameter(
+            "slope", "s", "eta_spin, one over the shear rate of saturation", zero_allowed=False
+        ),
+    ),
+    needs=Needs(rate=True),
+    dissipation=dissipation,
+    measure=angle,
+)
