@@ -1,0 +1,95 @@
+"""Values with units."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from wovenfab.case import units
+
+FINITE = st.floats(allow_nan=False, allow_infinity=False)
+#: Text, SI unit and how many SI units it is, from the definitions of the units.
+SCALES = [
+    ("mm", "m", 1e-3),
+    ("cm", "m", 1e-2),
+    ("µm", "m", 1e-6),
+    ("kN/m", "N/m", 1e3),
+    ("N/mm", "N/m", 1e3),
+    ("kN/m^2", "N/m^2", 1e3),
+    ("kN/m2", "N/m^2", 1e3),
+    ("MPa", "N/m^2", 1e6),
+    ("N/mm**2", "N/m^2", 1e6),
+    ("N/mm³", "N/m^3", 1e9),
+    ("N*mm", "N*m", 1e-3),
+    ("N m", "N*m", 1.0),
+    ("N·m", "N*m", 1.0),
+    ("J", "N*m", 1.0),
+    ("s/mm", "s/m", 1e3),
+    ("ms", "s", 1e-3),
+    ("min", "s", 60.0),
+    ("mm/s", "m/s", 1e-3),
+    ("m/min", "m/s", 1 / 60),
+    ("1/s", "Hz", 1.0),
+    ("kHz", "Hz", 1e3),
+    ("deg", "rad", math.pi / 180),
+    ("°", "rad", math.pi / 180),
+    ("%", "", 0.01),
+]
+
+
+@pytest.mark.parametrize(("given_unit", "unit", "scale"), SCALES)
+def test_units_scale_as_defined(given_unit: str, unit: str, scale: float) -> None:
+    for space in ("", " "):
+        assert units.parse(f"-2.5{space}{given_unit}", unit) == pytest.approx(-2.5 * scale, 1e-14)
+
+
+@given(value=FINITE, unit=st.sampled_from(sorted(units.KINDS)))
+def test_what_is_written_reads_as_the_same_float(value: float, unit: str) -> None:
+    text = units.write(value, unit)
+    assert (units.parse(text, unit) if isinstance(text, str) else text) == value
+
+
+@given(value=FINITE, unit=st.sampled_from(sorted(units.KINDS)))
+def test_a_number_without_unit_is_si(value: float, unit: str) -> None:
+    assert units.parse(repr(value), unit) == value
+
+
+@given(
+    one=st.sampled_from(sorted(u for u in units.KINDS if u)),
+    other=st.sampled_from(sorted(u for u in units.KINDS if u)),
+)
+def test_no_unit_passes_for_another(one: str, other: str) -> None:
+    assume(one != other)
+    with pytest.raises(ValueError, match=one[-1]):
+        units.parse(f"1 {one}", other)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "mm", "1 2", "1,5 mm", "nan", "inf", "1e400", "1e308 km", "0x10 mm", "1 mm 2", "1 m^^2",
+     "1 furlong^99", "9^9^9^9 m", "1 m^9^9^9", "1 (", "1 m)", "1 __import__('os')", "--1 m",
+     "1 " + "m*" * 99, "1 degC", "1 dB", "1 /"],
+)  # fmt: skip
+def test_what_is_no_length_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r"."):
+        units.parse(text, "m")
+
+
+@given(text=st.text(max_size=20), unit=st.sampled_from(sorted(units.KINDS)))
+def test_any_text_is_a_finite_number_or_refused(text: str, unit: str) -> None:
+    try:
+        value = units.parse(f"1{text}", unit)
+    except ValueError as error:
+        assert str(error)
+    else:
+        assert math.isfinite(value)
+
+
+def test_importing_the_case_does_not_import_pint() -> None:
+    code = "import sys, wovenfab.case; sys.exit('pint' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

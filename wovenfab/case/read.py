@@ -1,0 +1,122 @@
+"""Case files in, case files out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import reduce
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
+from ruamel.yaml import YAML
+
+from .document import Document, read_document
+from .overrides import override
+from .problems import CaseError, Problem
+from .rules import findings
+from .schema import Case, Rectangle, possible_fields
+from .translate import problems_in
+
+
+def read_case(path: Path, overrides: Sequence[str] = ()) -> Case:
+    """Return the case that a file describes.
+
+    Args:
+        path: A YAML file.
+        overrides: Values that replace those of the file, ``"effects.shear.stiffness=500 N/m"``.
+
+    Returns:
+        The case in SI units, all defaults filled in.
+
+    Raises:
+        CaseError: With everything that was found wrong.
+    """
+    document = _document(path, overrides)
+    context = {"folder": path.parent, "name": path.stem}
+    try:
+        case = Case.model_validate(document.data, context=context)
+    except ValidationError as error:
+        found = list(problems_in(error, document, json_schema()))
+        found += _combinations(_valid_sections(document.data, context), document)
+        raise CaseError(sorted(found, key=lambda p: p.line or 0)) from error
+    if found := list(_combinations({k: getattr(case, k) for k in Case.model_fields}, document)):
+        raise CaseError(sorted(found, key=lambda p: p.line or 0))
+    return _with_defaults(case)
+
+
+def problem_at(
+    path: Path, overrides: Sequence[str], key: str, message: str, remedy: str = ""
+) -> Problem:
+    """Return a problem that was found later, with the line of its key.
+
+    Args:
+        path: The case file.
+        overrides: As given to :func:`read_case`.
+        key: Dotted key.
+        message: What is wrong, without a full stop.
+        remedy: What would be right.
+    """
+    parts = tuple(int(k) if k.isdecimal() else k for k in key.split("."))
+    return _document(path, overrides).problem(parts, message, remedy)
+
+
+def json_schema() -> dict[str, Any]:
+    """Return the JSON Schema of a case file, for editors and for ``wovenfab schema``."""
+    schema = Case.model_json_schema(schema_generator=_InOrder)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
+
+
+def dump_case(case: Case) -> str:
+    """Return a case as YAML that reads as an equal case, with units and every default."""
+    yaml: Any = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = None
+    yaml.sort_base_mapping_type_on_output = False
+    yaml.width = 100
+    stream = StringIO()
+    yaml.dump(case.model_dump(mode="json", by_alias=True, exclude_none=True), stream)
+    return stream.getvalue()
+
+
+class _InOrder(GenerateJsonSchema):
+    """Keeps the keys in the order in which they are best read."""
+
+    def sort(self, value: Any, parent_key: str | None = None) -> Any:
+        """Return the value as it is."""
+        return value
+
+
+def _document(path: Path, overrides: Sequence[str]) -> Document:
+    return reduce(override, overrides, read_document(path))
+
+
+def _combinations(sections: dict[str, Any], document: Document) -> Iterator[Problem]:
+    for location, message, remedy in findings(sections):
+        yield document.problem(document.locate(location), message, remedy)
+
+
+def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
+    """Return the sections that are valid by themselves."""
+    sections = {}
+    for key, field in Case.model_fields.items() if isinstance(data, dict) else ():
+        if key not in data:
+            if not field.is_required():
+                sections[key] = field.default
+            continue
+        kind: Any = Annotated[field.annotation, field]
+        with suppress(ValidationError):
+            sections[key] = TypeAdapter(kind).validate_python(data[key], context=context)
+    return sections
+
+
+def _with_defaults(case: Case) -> Case:
+    """Fill in what depends on other sections."""
+    mesh, output = case.discretisation, case.output
+    if isinstance(case.sheet, Rectangle):
+        size = mesh.mesh_size or min(case.sheet.length, case.sheet.width) / 10
+        mesh = mesh.model_copy(update={"mesh_size": size, "mesh": mesh.mesh or "crossed"})
+    if "fields" not in output.model_fields_set:
+        output = output.model_copy(update={"fields": possible_fields(case.needs)})
+    return case.model_copy(update={"discretisation": mesh, "output": output})

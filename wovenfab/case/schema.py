@@ -1,0 +1,235 @@
+"""The case: what a case file says, validated and in SI units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    PrivateAttr,
+    Tag,
+    ValidationInfo,
+)
+
+from forms.effect import Needs
+
+from .boundary import EdgeCondition
+from .effects import EffectsOfCatalogue
+from .files import existing_file
+from .needs import Values, needs_of
+from .problems import describe, wrong
+from .program import Segments
+from .values import Angle, AtLeastOne, Count, Quantity, Section, Size
+
+GEOMETRIES = (".geo", ".msh")
+#: Smallest |sin| of the angle between the families.
+LEAST_CROSSING = 1e-3
+
+
+def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
+    if far := [a for a in fibres if abs(a) > 2 * math.pi + 1e-12]:
+        raise wrong(
+            f"{far[0]:g} rad is more than a full turn",
+            f"Did you mean '{far[0]:g} deg'? Numbers without a unit are SI.",
+        )
+    if abs(math.sin(fibres[1] - fibres[0])) <= LEAST_CROSSING:
+        raise wrong("the two families are parallel", "They must cross, as in [45 deg, -45 deg].")
+    return fibres
+
+
+Fibres = Annotated[tuple[Angle, Angle], AfterValidator(_crossing)]
+
+
+class Rectangle(Section):
+    """A rectangle with its sides along x and y; its edges are left, right, bottom, top."""
+
+    shape: Literal["rectangle"] = "rectangle"
+    """Kind of sheet; for other shapes give a file instead."""
+
+    length: Size = Field(examples=["0.90 m"])
+    """Extent along x."""
+
+    width: Size = Field(examples=["0.30 m"])
+    """Extent along y."""
+
+    fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
+    """Reference directions of family 1 and 2, as angles from the x axis."""
+
+
+def _geometry(value: Any, info: ValidationInfo) -> Path:
+    return existing_file(value, info, GEOMETRIES)
+
+
+class SheetFile(Section):
+    """Any shape, from a gmsh file whose physical groups name the edges."""
+
+    file: Annotated[
+        Path, BeforeValidator(_geometry, json_schema_input_type=str), PlainSerializer(str)
+    ] = Field(examples=["meshes/dogbone.geo"])
+    """Geometry (.geo) or mesh (.msh), relative to the case file, in metres."""
+
+    fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
+    """Reference directions of family 1 and 2, as angles from the x axis."""
+
+
+def _form(data: Any) -> str:
+    named = "file" in data if isinstance(data, dict) else isinstance(data, SheetFile)
+    return "from_file" if named else "rectangle"
+
+
+Sheet = Annotated[
+    Annotated[Rectangle, Tag("rectangle")] | Annotated[SheetFile, Tag("from_file")],
+    Discriminator(_form),
+]
+
+Mesh = Literal["crossed", "right", "unstructured"]
+
+
+class Discretisation(Section):
+    """Elements in space."""
+
+    degree: Annotated[int, Count(least=1, most=4)] = 3
+    """Degree of the elements: 2 to 4; 1 only where no effect needs second derivatives."""
+
+    mesh_size: Size | None = Field(default=None, examples=["50 mm"])
+    """Size of the cells; a tenth of a rectangle's shorter side unless given."""
+
+    mesh: Mesh | None = None
+    """How a rectangle is divided in triangles; crossed unless given."""
+
+    corner_size: Size | None = Field(default=None, examples=["2 mm"])
+    """Size of the cells at the corners, for an unstructured mesh that is graded."""
+
+    penalty: Annotated[float | Literal["auto"], Quantity(above=0, words=("auto",))] = "auto"
+    """Interior penalty sigma of the second-gradient terms."""
+
+    quadrature_degree: Annotated[
+        int | Literal["auto"], Count(least=1, most=30, words=("auto",))
+    ] = "auto"
+    """Degree of polynomials that are integrated exactly."""
+
+
+class Time(Section):
+    """Steps in time."""
+
+    steps_per_cycle: Annotated[int, Count(least=4, most=1_000_000, even=True)] = 80
+    """Steps of each cycle, even so that the reversal is hit."""
+
+    scheme: Literal["bdf2", "backward-euler", "midpoint"] = "bdf2"
+    """How rates are formed."""
+
+    smallest_step: Annotated[float, Quantity(above=0, most=1)] = 1 / 1024
+    """The run gives up on a step cut to less than this fraction of the planned one."""
+
+
+def _option(value: Any) -> str | int | float | bool:
+    if not isinstance(value, str | int | float):
+        raise wrong(f"expected text, a number, true or false, got {describe(value)}")
+    return value
+
+
+def _option_name(name: str) -> str:
+    if not name or name.startswith("-"):
+        raise wrong("PETSc options are written without the leading dash here")
+    return name
+
+
+class Solver(Section):
+    """Newton's method in each step."""
+
+    max_iterations: AtLeastOne = 25
+    """Iterations after which a step is cut."""
+
+    tolerance: Annotated[float, Quantity(above=0, most=1)] = 1e-9
+    """Relative tolerance of the balance of forces."""
+
+    tangent: Literal["mixed", "plain"] = "mixed"
+    """Mixed-integration-point tangent, which suits stiff yarns, or the plain one."""
+
+    petsc: Mapping[
+        Annotated[str, AfterValidator(_option_name)],
+        Annotated[str | int | float | bool, BeforeValidator(_option)],
+    ] = Field(default={}, examples=[{"snes_linesearch_type": "basic"}])
+    """Any PETSc options, which have the last word."""
+
+
+FieldName = Literal["displacement", "relative_displacement", "curvature", "shear_angle", "stretch"]
+
+
+def possible_fields(needs: Needs) -> tuple[FieldName, ...]:
+    """Return the fields that make sense for effects with these needs."""
+    missing = set()
+    if needs.placements == 1:
+        missing.add("relative_displacement")
+    if not needs.second_gradient:
+        missing.add("curvature")
+    return tuple(name for name in get_args(FieldName) if name not in missing)
+
+
+class Output(Section):
+    """What is written besides the history."""
+
+    fields: tuple[FieldName, ...] = get_args(FieldName)
+    """Fields for ParaView; all that the effects know of unless given."""
+
+    every: AtLeastOne = 10
+    """Fields are written every so many steps."""
+
+    pictures: Annotated[bool, Field(strict=True)] = True
+    """Whether pictures are drawn at the end."""
+
+
+class Case(Section):
+    """A case of wovenfab. A value is a plain number in SI units or a text with its unit."""
+
+    title: str = Field(default="", examples=["Bias extension 1:3"])
+    """One line for people."""
+
+    sheet: Sheet
+    """Shape and fibre directions."""
+
+    effects: Annotated[Mapping[str, Values], EffectsOfCatalogue()]
+    """What the sheet resists and dissipates; what is not listed is not simulated."""
+
+    boundary: Mapping[str, EdgeCondition] = Field(
+        examples=[{"left": "clamp", "right": {"displacement": ["program", 0]}}]
+    )
+    """Condition on each named edge; edges that are not named are free."""
+
+    program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
+    """Displacement against time: one segment, or a list of them."""
+
+    discretisation: Discretisation = Discretisation()
+    """Elements in space."""
+
+    time: Time = Time()
+    """Steps in time."""
+
+    solver: Solver = Solver()
+    """Newton's method."""
+
+    output: Output = Output()
+    """What is written besides the history."""
+
+    _name: str = PrivateAttr(default="case")
+
+    def model_post_init(self, context: Any, /) -> None:
+        """Take the name from the file that is being read."""
+        self._name = (context or {}).get("name", "case")
+
+    @property
+    def name(self) -> str:
+        """Name of the case file without its suffix."""
+        return self._name
+
+    @property
+    def needs(self) -> Needs:
+        """What the effects need together: placements, second gradient, rate."""
+        return needs_of(self.effects)

@@ -1,0 +1,101 @@
+"""Numbers with units: text such as ``"40 mm"`` to SI floats and back."""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+from .problems import describe
+
+#: What a unit measures, with an example, for messages and the schema.
+KINDS = {
+    "": ("a plain number", "0.5"),
+    "rad": ("an angle", "45 deg"),
+    "m": ("a length", "40 mm"),
+    "s": ("a time", "2 s"),
+    "m/s": ("a velocity", "0.5 m/s"),
+    "Hz": ("a frequency", "2 Hz"),
+    "N/m": ("a force per length", "400 N/m"),
+    "N/m^2": ("a force per area", "199.2 kN/m^2"),
+    "N/m^3": ("a force per volume", "6e7 N/m^3"),
+    "N*m": ("a bending stiffness", "254.1 N*m"),
+    "s/m": ("a time per length", "70 s/m"),
+}
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+# Single-digit powers only: pint computes powers, and 9^9^9^9 takes for ever.
+_FACTOR = r"\(*[^\W\d_][^\W\d]*(?:(?:\^|\*\*)?-?\d|[²³])?\)*"
+_UNIT = rf"(?:1\s*/\s*)?{_FACTOR}(?:(?:\s*[*/·.]\s*|\s+){_FACTOR})*|°|%"
+_QUANTITY = re.compile(rf"\s*(?P<number>{_NUMBER})\s*(?P<unit>{_UNIT})?\s*")
+_BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=-?\d)")
+
+#: The same as a pattern for editors, which know no named groups.
+PATTERN = rf"^\s*{_NUMBER}(\s*\S.*)?$"
+
+
+def kind(unit: str) -> str:
+    """Return in words what is expected in ``unit``, with an example."""
+    name, example = KINDS.get(unit, (f"a value in {unit}", f"1 {unit}"))
+    return f"{name} such as '{example}'" if unit else f"{name} such as {example}"
+
+
+def parse(text: str, unit: str) -> float:
+    """Return the SI value of a number with or without a unit.
+
+    Args:
+        text: ``"40 mm"``, ``"1e-3"``, ``"5 %"``.
+        unit: The SI unit that is expected, as in ``forms.effect.Parameter``;
+            empty for a pure number.
+
+    Returns:
+        The value in ``unit``; a number without unit is taken to be in it.
+
+    Raises:
+        ValueError: With what the text has got instead: ``"the unknown unit 'x'"``.
+    """
+    match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
+    if match is None:
+        raise ValueError(describe(text))
+    value = float(match["number"]) * (_factor(match["unit"], unit) if match["unit"] else 1.0)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r}, which is too large")
+    return value
+
+
+def write(value: float, unit: str) -> str | float:
+    """Return ``value`` with its unit, so that :func:`parse` gives the same float."""
+    short = f"{value:g}"
+    return f"{short if float(short) == value else repr(value)} {unit}" if unit else value
+
+
+def _factor(given: str, unit: str) -> float:
+    """Return how many ``unit`` one ``given`` is."""
+    if given == unit:
+        return 1.0
+    if not unit:
+        if given == "%":
+            return 0.01
+        raise ValueError(repr(given))
+    try:
+        factor, base = _in_base_units(given)
+    except Exception as error:  # pint passes on whatever its tokenizer raises
+        raise ValueError(f"the unknown unit {given!r}") from error
+    own_factor, own_base = _in_base_units(unit)
+    if base != own_base:
+        raise ValueError(repr(given))
+    return factor / own_factor
+
+
+def _in_base_units(unit: str) -> tuple[float, Any]:
+    registry = _registry()
+    factor, base = registry.get_base_units(registry.parse_units(_BARE_POWER.sub("^", unit)))
+    return float(factor), base
+
+
+@cache
+def _registry() -> Any:
+    import pint  # a third of a second, which a case without units need not pay
+
+    return pint.UnitRegistry()
