@@ -1,0 +1,182 @@
+"""The discrete model of a scene: its space, its fields and its compiled forms."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from forms.balance import Balance, Rate, Term
+from forms.effect import Effect
+from wovenfab.model.compiler import compile_form
+from wovenfab.sheet.sheet import Sheet
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Choices of discretisation.
+
+    Attributes:
+        degree: Degree of the Lagrange elements.
+        quadrature: Quadrature degree; None for twice the element degree.
+        penalty: sigma of the interior penalty; None for the automatic local value.
+        history: Earlier states that the time scheme's rates use (0 without a rate).
+        mixed: Use the mixed-integration-point tangent.
+    """
+
+    degree: int
+    quadrature: int | None = None
+    penalty: float | None = None
+    history: int = 1
+    mixed: bool = True
+
+
+@dataclass(frozen=True)
+class Model:
+    """What a scene's effects, sheet and numerics have been compiled to.
+
+    Attributes:
+        sheet: The meshed sheet.
+        effects: The effects of the scene.
+        space: Blocked Lagrange space of 2 components a placement.
+        field: Present displacement, m.
+        last: Displacement of the last iterate (mixed-integration-point tangent).
+        history: Displacement at earlier times, latest first; empty without rates.
+        rate_weights: Weights of the present and the earlier states in a rate, 1/s.
+        balance: The symbolic balance.
+        residual, jacobian, potential: Compiled forms.
+        power: Compiled form of the dissipated power; None without friction.
+        weights: Constant that scales an effect's share in potential and power.
+    """
+
+    sheet: Sheet
+    effects: tuple[Effect, ...]
+    space: fem.FunctionSpace
+    field: fem.Function
+    last: fem.Function
+    history: tuple[fem.Function, ...]
+    rate_weights: tuple[fem.Constant, ...]
+    balance: Balance
+    residual: fem.Form
+    jacobian: fem.Form
+    potential: fem.Form
+    power: fem.Form | None
+    weights: Mapping[str, fem.Constant]
+
+    @property
+    def comm(self) -> MPI.Comm:
+        """Communicator of the mesh."""
+        comm: MPI.Comm = self.sheet.mesh.comm
+        return comm
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns over all ranks."""
+        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
+
+    @property
+    def placements(self) -> int:
+        """1 or 2."""
+        return int(self.space.dofmap.index_map_bs) // 2
+
+    def shares(self, form: fem.Form, names: Sequence[str]) -> dict[str, float]:
+        """Return each named effect's share of a weighted scalar form (J or W)."""
+        result = {}
+        for name in names:
+            for other, weight in self.weights.items():
+                weight.value = 1.0 if other == name else 0.0
+            result[name] = self.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM)
+        for weight in self.weights.values():
+            weight.value = 1.0
+        return result
+
+    def stored_energy(self) -> dict[str, float]:
+        """Return the stored energy (J) by effect."""
+        return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
+
+    def dissipated_power(self) -> dict[str, float]:
+        """Return the dissipated power (W) by effect; empty without friction."""
+        if self.power is None:
+            return {}
+        return self.shares(self.power, [e.name for e in self.effects if e.dissipative])
+
+
+def build_model(
+    sheet: Sheet,
+    effects: Sequence[Effect],
+    values: Mapping[str, Mapping[str, float | tuple[float, float]]],
+    numerics: Numerics,
+    rotation_edges: Sequence[str] = (),
+) -> Model:
+    """Build and compile the model of a scene.
+
+    Args:
+        sheet: The meshed sheet.
+        effects: Effects of the scene.
+        values: Parameter values in SI units by effect and parameter name.
+        numerics: Discretisation.
+        rotation_edges: Names of the edges that hold the yarn directions.
+    """
+    mesh = sheet.mesh
+    placements = max(e.needs.placements for e in effects)
+    element = basix.ufl.element(
+        "Lagrange", mesh.basix_cell(), numerics.degree, shape=(2 * placements,)
+    )
+    space = fem.functionspace(mesh, element)
+    field, last = fem.Function(space), fem.Function(space)
+    kept = numerics.history if any(e.needs.rate for e in effects) else 0
+    history = tuple(fem.Function(space) for _ in range(kept))
+    rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
+    terms = tuple(Term(e, _constants(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
+    held = ufl.Measure(
+        "ds",
+        domain=mesh,
+        subdomain_data=sheet.facets,
+        subdomain_id=tuple(sheet.edges[name] for name in rotation_edges),
+    )
+    balance = Balance(
+        terms=terms,
+        fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
+        field=field,
+        rate=Rate(rate_weights, history) if kept else None,
+        degree=numerics.degree,
+        quadrature=numerics.quadrature or 2 * numerics.degree,
+        penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
+        held_edges=held if rotation_edges else None,
+    )
+    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    power = balance.power()
+    return Model(
+        sheet=sheet,
+        effects=tuple(effects),
+        space=space,
+        field=field,
+        last=last,
+        history=history,
+        rate_weights=rate_weights,
+        balance=balance,
+        residual=compile_form(balance.residual(test)),
+        jacobian=compile_form(balance.jacobian(trial, test, last if numerics.mixed else None)),
+        potential=compile_form(balance.potential()),
+        power=None if power is None else compile_form(power),
+        weights={t.effect.name: t.weight for t in terms},
+    )
+
+
+def _constant(mesh: Any, value: Any) -> fem.Constant:
+    return fem.Constant(mesh, np.asarray(value, dtype=np.float64))
+
+
+def _constants(mesh: Any, values: Mapping[str, float | tuple[float, float]]) -> dict[str, Any]:
+    return {
+        name: tuple(_constant(mesh, v) for v in value)
+        if isinstance(value, tuple)
+        else _constant(mesh, value)
+        for name, value in values.items()
+    }

@@ -1,0 +1,127 @@
+"""Keeping the two families from crossing.
+
+The shear energy has a pole where the families align, but is finite again beyond
+it. A state is admissible if f_1 × f_2 keeps its initial sign at every quadrature
+point of cells and facets; along a Newton direction that is a quadratic in the
+step length, whose first root is the limit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import basix
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from forms.places import point_of, point_variation
+from wovenfab.model.compiler import compile_expression
+from wovenfab.model.model import Model
+
+#: Share of the way to the crossing that a step may take.
+SHARE = 0.9
+
+
+def first_crossing(
+    f: NDArray[np.float64], df: NDArray[np.float64], orientation: float
+) -> NDArray[np.float64]:
+    """Return the step length at which the two families first align at each point.
+
+    Args:
+        f: Fibre derivatives (f_1, f_2), shape (n, 2, 2).
+        df: Their change for a full step, shape (n, 2, 2).
+        orientation: +1 or -1, sign of f_1 × f_2 in the reference state.
+
+    Returns:
+        Smallest positive root of (f_1 + s df_1) × (f_2 + s df_2) = 0, shape (n,);
+        infinite where there is none.
+    """
+    c = orientation * _cross(f[:, 0], f[:, 1])
+    b = orientation * (_cross(df[:, 0], f[:, 1]) + _cross(f[:, 0], df[:, 1]))
+    a = orientation * _cross(df[:, 0], df[:, 1])
+    # Roots of a s² + b s + c with c > 0, in the form 2c/(-b ± r) that neither divides
+    # by a vanishing a nor cancels: the smaller positive root has the larger denominator.
+    root = np.sqrt(np.maximum(b * b - 4 * a * c, 0.0))
+    real = b * b - 4 * a * c >= 0
+    below = np.where(b <= 0, -b + root, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        falling = np.where(below > 0, 2 * c / below, np.inf)
+        # b > 0: a positive root only if a < 0, then it is (b + r)/(-2a).
+        rising = np.where((b > 0) & (a < 0), (b + root) / (-2 * a), np.inf)
+    limit = np.where(b <= 0, falling, rising)
+    return np.where(real, limit, np.inf)
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+@dataclass(frozen=True)
+class _Probe:
+    """Fibre derivatives of a field at all quadrature points."""
+
+    expression: fem.Expression
+    cells: NDArray[np.int32]
+    mesh: Any
+
+    def values(self) -> NDArray[np.float64]:
+        found: NDArray[np.float64] = self.expression.eval(self.mesh, self.cells)
+        return found.reshape(-1, 2, 2)
+
+
+class Barrier:
+    """Watches the sign of f_1 × f_2 at the quadrature points of a model."""
+
+    def __init__(self, model: Model) -> None:
+        """Compile the evaluation of f_1 and f_2 for the model's field and for steps."""
+        mesh = model.sheet.mesh
+        fibres = model.balance.fibres
+        self._comm = mesh.comm
+        self._orientation = float(np.sign(np.linalg.det(model.sheet.fibres)))
+        self.step = fem.Function(model.space)
+        points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
+        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+        self._state = _Probe(
+            compile_expression(_flat(point_of(model.field, fibres, False).f), points), cells, mesh
+        )
+        self._change = _Probe(
+            compile_expression(_flat(point_variation(self.step, fibres, False)[:2]), points),
+            cells,
+            mesh,
+        )
+
+    def limit(self) -> float:
+        """Return the step length (of ``field + s step``) at which families first align.
+
+        Collective; infinite if they never do.
+        """
+        crossings = first_crossing(self._state.values(), self._change.values(), self._orientation)
+        mine = float(crossings.min(initial=np.inf))
+        return float(self._comm.allreduce(mine, op=MPI.MIN))
+
+    def margin(self) -> float:
+        """Return the smallest (f_1 × f_2)/(|f_1||f_2|) in the present state; collective."""
+        f = self._state.values()
+        sines = self._orientation * _cross(f[:, 0], f[:, 1])
+        sines = sines / np.linalg.norm(f, axis=2).prod(axis=1)
+        return float(self._comm.allreduce(float(sines.min(initial=np.inf)), op=MPI.MIN))
+
+
+def quadrature_points(degree: int, facets: bool) -> NDArray[np.float64]:
+    """Return the reference points, shape (n, 2), of the cell rule and of all three facets."""
+    inside = basix.make_quadrature(basix.CellType.triangle, degree)[0]
+    if not facets:
+        return np.asarray(inside)
+    line = basix.make_quadrature(basix.CellType.interval, degree)[0]
+    corners = basix.geometry(basix.CellType.triangle)
+    sides = [(1, 2), (0, 2), (0, 1)]
+    on_facets = [corners[i] + line * (corners[j] - corners[i]) for i, j in sides]
+    return np.vstack([inside, *on_facets])
+
+
+def _flat(pair: Any) -> Any:
+    return ufl.as_vector([component for f in pair for component in (f[0], f[1])])

@@ -1,0 +1,259 @@
+"""One equilibrium by PETSc SNES: Newton with exact tangents on the potential.
+
+SNES calls back for residual and Jacobian; before it takes a step, the step is cut
+to stay admissible (no crossing of the families) and then, once the prescribed
+placements are attained, backtracked until the incremental potential falls enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.solver.admissible import SHARE, Barrier
+
+Reason = PETSc.SNES.ConvergedReason
+REASONS = {
+    value: name for name, value in vars(Reason).items() if isinstance(value, int) and value != 0
+}
+#: Largest number of halvings in the line search, and its sufficient-decrease constant.
+HALVINGS = 14
+DECREASE = 1e-4
+#: A change of the potential below this share of it is round-off, not an increase.
+ROUND_OFF = 1e-12
+
+
+@dataclass(frozen=True)
+class Controls:
+    """How equilibrium is sought.
+
+    Attributes:
+        max_iterations: Newton iterations after which a step is given up.
+        tolerance: Residual force over the largest internal force met so far.
+        options: PETSc options, such as ``{"snes_monitor": None}``.
+        step_limit: Keep iterates admissible; only a test switches it off.
+        line_search: Backtrack on the potential; only a test switches it off.
+    """
+
+    max_iterations: int = 25
+    tolerance: float = 1e-9
+    options: Mapping[str, Any] | None = None
+    step_limit: bool = True
+    line_search: bool = True
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a solve ended.
+
+    Attributes:
+        converged: Whether equilibrium was found.
+        reason: PETSc's name of the reason.
+        iterations: Newton iterations.
+        residual: Norm of the residual force, N.
+    """
+
+    converged: bool
+    reason: str
+    iterations: int
+    residual: float
+
+
+class Equilibrium:
+    """Solves for the field that balances the forces; objects are made once.
+
+    Attributes:
+        force: Internal force at this rank's unknowns at the last evaluation
+            (residual before boundary conditions), N.
+    """
+
+    def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
+        """Create matrix, vectors, factorisation and SNES for a model."""
+        self._model = model
+        self._constraints = constraints
+        self._controls = controls
+        self.barrier = Barrier(model)
+        self._matrix = fem_petsc.create_matrix(model.jacobian)
+        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        self._residual = model.field.x.petsc_vec.duplicate()  # ghosted
+        self._solution = self._residual.duplicate()
+        self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
+        self._force_scale = 0.0
+        self._energy_scale = 0.0
+        self._potential: float | None = None
+        self._decrement = np.inf
+        self._attained = False
+        self._snes = self._create_snes()
+
+    def _create_snes(self) -> Any:
+        snes = PETSc.SNES().create(self._model.comm)
+        snes.setType("newtonls")
+        snes.setFunction(self._evaluate_residual, self._residual)
+        snes.setJacobian(self._evaluate_jacobian, self._matrix)
+        snes.setObjective(self._evaluate_objective)
+        snes.setLineSearchPreCheck(self._limit_step)
+        snes.setConvergenceTest(self._test)
+        snes.setTolerances(max_it=self._controls.max_iterations)
+        ksp = snes.getKSP()
+        ksp.setType("preonly")
+        pc = ksp.getPC()
+        pc.setType("cholesky")
+        pc.setFactorSolverType("mumps")
+        # The line search is ours, in the pre-check; PETSc's own stay reachable.
+        options = PETSc.Options()
+        for name, value in {
+            "snes_linesearch_type": "basic",
+            **(self._controls.options or {}),
+        }.items():
+            if name not in options:
+                options[name] = value
+        snes.setFromOptions()
+        return snes
+
+    def solve(self) -> Outcome:
+        """Solve from the model's present field towards the constraints' present values.
+
+        The model's ``last`` field must hold the last equilibrium. On success the
+        field holds the new one; otherwise it is undefined and the caller restores it.
+        """
+        field = self._model.field
+        self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
+        self._potential, self._decrement = None, np.inf
+        self._attained = not self._constraints.unmet(field)
+        self._snes.solve(None, self._solution)
+        self._load(self._solution)
+        reason = self._snes.getConvergedReason()
+        return Outcome(
+            converged=reason > 0,
+            reason=REASONS.get(reason, str(reason)),
+            iterations=self._snes.getIterationNumber(),
+            residual=self._snes.getFunctionNorm(),
+        )
+
+    def evaluate_force(self) -> NDArray[np.float64]:
+        """Return the internal force (N) of the model's present field at own unknowns."""
+        self._assemble_force(self._residual)
+        self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self.force = self._residual.array_r.copy()
+        return self.force
+
+    def negative_eigenvalues(self) -> int | None:
+        """Return the inertia's negative count of the last factor; None if unavailable."""
+        try:
+            return int(self._snes.getKSP().getPC().getFactorMatrix().getInertia()[0])
+        except PETSc.Error:
+            return None
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        for item in (self._snes, self._matrix, self._residual, self._solution):
+            item.destroy()
+
+    def _load(self, x: Any) -> None:
+        """Copy a PETSc vector into the model's field, ghosts included."""
+        field = self._model.field
+        field.x.array[: x.getLocalSize()] = x.array_r
+        field.x.scatter_forward()
+
+    def _assemble_force(self, b: Any) -> None:
+        with b.localForm() as local:
+            local.set(0.0)
+        fem_petsc.assemble_vector(b, self._model.residual)
+
+    def _evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
+        """Residual with the prescribed values lifted, so that one step attains them."""
+        self._load(x)
+        self._assemble_force(b)
+        if not self._attained:
+            self._attained = not self._constraints.unmet(self._model.field)
+        bcs, at = self._constraints.bcs, self._model.field.x.petsc_vec
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        self.force = b.array_r.copy()
+        norm = b.norm()
+        if np.isfinite(norm):
+            self._force_scale = max(self._force_scale, norm)
+        if not self._attained:
+            with b.localForm() as local:
+                local.array_w[b.getLocalSize() :] = 0.0
+            fem_petsc.apply_lifting(b, [self._model.jacobian], [bcs], [at], -1.0)
+            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(b, bcs, at, -1.0)
+
+    def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        self._load(x)
+        matrix.zeroEntries()
+        fem_petsc.assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
+        matrix.assemble()
+
+    def _evaluate_objective(self, snes: Any, x: Any) -> float:
+        self._load(x)
+        return self._energy()
+
+    def _energy(self) -> float:
+        mine = fem.assemble_scalar(self._model.potential)
+        return float(self._model.comm.allreduce(mine, op=MPI.SUM))
+
+    def _limit_step(self, x: Any, y: Any) -> bool:
+        """Shorten the step so that x - y is admissible and lowers the potential."""
+        self._load(x)
+        model, barrier = self._model, self.barrier
+        model.last.x.array[:] = model.field.x.array
+        barrier.step.x.array[: y.getLocalSize()] = -y.array_r
+        barrier.step.x.scatter_forward()
+        length = min(1.0, SHARE * barrier.limit()) if self._controls.step_limit else 1.0
+        if self._attained and self._controls.line_search:
+            length = self._backtrack(y, length)
+        else:
+            self._potential, self._decrement = None, np.inf
+        if length < 1.0:
+            y.scale(length)
+            return True
+        return False
+
+    def _backtrack(self, y: Any, length: float) -> float:
+        """Return a step length with sufficient decrease of the incremental potential."""
+        field, step, last = self._model.field, self.barrier.step, self._model.last
+        start = self._energy() if self._potential is None else self._potential
+        slope = float(self._snes.getFunction()[0].dot(y))  # decrease per unit length
+        trial = start
+        for _ in range(HALVINGS):
+            field.x.array[:] = last.x.array + length * step.x.array
+            trial = self._energy()
+            slack = ROUND_OFF * max(abs(start), self._energy_scale)
+            if np.isfinite(trial) and trial <= start - DECREASE * length * slope + slack:
+                break
+            length /= 2
+        self._potential = trial
+        self._energy_scale = max(self._energy_scale, abs(trial)) if np.isfinite(trial) else 0.0
+        self._decrement = abs(slope) if length == 1.0 else np.inf
+        return length
+
+    def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """Converged if forces balance, or the last full step was already negligible.
+
+        Newton's decrement is twice the energy that a step gains; convergence is
+        quadratic, so a step of relative energy ``tolerance`` leaves its square.
+        """
+        residual = norms[2]
+        if not np.isfinite(residual):
+            return int(Reason.DIVERGED_FNORM_NAN)
+        tolerance = self._controls.tolerance
+        if self._attained:
+            if residual <= tolerance * self._force_scale:
+                return int(Reason.CONVERGED_FNORM_RELATIVE)
+            small = self._decrement <= tolerance * self._energy_scale
+            if small and residual <= np.sqrt(tolerance) * self._force_scale:
+                return int(Reason.CONVERGED_SNORM_RELATIVE)
+        if iteration >= self._controls.max_iterations:
+            return int(Reason.DIVERGED_MAX_IT)
+        return int(Reason.CONVERGED_ITERATING)

@@ -1,0 +1,128 @@
+"""The load program: displacement against time, and the times that must be hit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import cos, pi
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of the program between two reversals or kinks, in equal steps.
+
+    Attributes:
+        duration: s.
+        steps: Number of planned steps.
+        path: Displacement (m) against the time since its start (s).
+        jump: The velocity jumps at its start.
+        ends_cycle: A load cycle ends with it.
+    """
+
+    duration: float
+    steps: int
+    path: Callable[[float], float]
+    jump: bool
+    ends_cycle: bool = False
+
+
+@dataclass(frozen=True)
+class Milestone:
+    """A planned time.
+
+    Attributes:
+        time: s.
+        displacement: m.
+        jump: The velocity jumps here.
+        ends_cycle: A load cycle ends here.
+    """
+
+    time: float
+    displacement: float
+    jump: bool = False
+    ends_cycle: bool = False
+
+
+@dataclass(frozen=True)
+class Program:
+    """A load program.
+
+    Attributes:
+        milestones: Planned times in order, the start included; reversals are among them.
+    """
+
+    milestones: tuple[Milestone, ...]
+    _stretches: tuple[Stretch, ...]
+
+    def displacement(self, time: float) -> float:
+        """Return the displacement (m) at a time (s); the end value beyond the end."""
+        start = 0.0
+        for s in self._stretches:
+            if time <= start + s.duration:
+                return s.path(time - start)
+            start += s.duration
+        return self.milestones[-1].displacement
+
+
+def program_of(stretches: Sequence[Stretch]) -> Program:
+    """Return the program that runs through the stretches one after the other."""
+    milestones = [Milestone(0.0, stretches[0].path(0.0), stretches[0].jump)]
+    start = 0.0
+    for number, s in enumerate(stretches):
+        following = stretches[number + 1] if number + 1 < len(stretches) else None
+        for i in range(1, s.steps + 1):
+            last = i == s.steps
+            milestones.append(
+                Milestone(
+                    start + s.duration * i / s.steps,
+                    s.path(s.duration * i / s.steps),
+                    jump=last and following is not None and following.jump,
+                    ends_cycle=last and s.ends_cycle,
+                )
+            )
+        start += s.duration
+    return Program(tuple(milestones), tuple(stretches))
+
+
+def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Stretch]:
+    """Return one cycle base + A/2 (1 - cos(2 pi t/T)), split at its reversal.
+
+    Args:
+        base: Displacement at its start and end, m.
+        amplitude: A, m.
+        period: T, s.
+        steps: Even number of steps.
+    """
+
+    def path(offset: float) -> Callable[[float], float]:
+        return lambda t: base + amplitude / 2 * (1 - cos(2 * pi * (t + offset) / period))
+
+    half = period / 2
+    return [
+        Stretch(half, steps // 2, path(0.0), jump=False),
+        Stretch(half, steps // 2, path(half), jump=False, ends_cycle=True),
+    ]
+
+
+def ramp(start: float, end: float, duration: float, steps: int) -> Stretch:
+    """Return a ramp at constant velocity (m and s); a hold if both ends are equal."""
+    return Stretch(duration, steps, lambda t: start + (end - start) * (t / duration), jump=True)
+
+
+def table(start: float, times: Sequence[float], displacements: Sequence[float]) -> list[Stretch]:
+    """Return one stretch a row of a table, linear in between, beginning at ``start`` (m).
+
+    The velocity counts as jumping where it changes by more than half of the larger
+    of its values, as at a corner; not from row to row of a sampled smooth curve.
+    """
+    if times[0] > 0:
+        times, displacements = (0.0, *times), (start, *displacements)
+    velocity = np.diff(displacements) / np.diff(times)
+    before = np.concatenate([[0.0], velocity[:-1]])
+    jumps = np.abs(velocity - before) > 0.5 * np.maximum(np.abs(velocity), np.abs(before))
+    return [
+        Stretch(t1 - t0, 1, lambda t, a=d0, v=v: a + v * t, jump=bool(j))  # type: ignore[misc]
+        for t0, t1, d0, v, j in zip(times, times[1:], displacements, velocity, jumps, strict=False)
+    ]
