@@ -1,0 +1,197 @@
+"""Each effect of the catalogue: consistent derivatives, frame indifference, symmetry.
+
+The tests run over whatever effects the folder holds, so that a new one is tested
+like the others as soon as its file is there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+
+from forms.balance import Balance, Line
+from forms.catalogue import effects
+from forms.effect import Effect
+from forms.kinematics import Facet
+from tests import scenes
+from wovenfab.model.compiler import compile_form
+from wovenfab.model.model import Model, Numerics
+
+ALL = list(effects().values())
+STORED = [e for e in ALL if not e.dissipative]
+ON_FACETS = [e for e in ALL if e.facet_energy is not None]
+
+
+def name_of(effect: Effect) -> str:
+    return effect.name
+
+
+def plain_values(effect: Effect) -> dict[str, float | tuple[float, float]]:
+    """Return distinct values of order one for the parameters of any effect."""
+    return {
+        p.name: (1.3 + i, 0.7 + i) if p.per_family else 1.9 + i
+        for i, p in enumerate(effect.parameters)
+    }
+
+
+def scene(effect: Effect, mixed: bool = False, values: dict | None = None) -> Model:
+    """Return a model of the effect alone in a random, strongly deformed state."""
+    numbers = {effect.name: values or plain_values(effect)}
+    model = scenes.model(
+        scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9)),
+        [effect.name],
+        Numerics(2, history=2, mixed=mixed),
+        numbers,
+        rotation_edges=("left",),
+    )
+    random = np.random.default_rng(20)
+    for field in (model.field, *model.history):
+        field.x.array[:] = 0.02 * random.standard_normal(field.x.array.size)
+    model.last.x.array[:] = model.field.x.array
+    for weight, value in zip(model.rate_weights, (3.0, -4.0, 1.0), strict=False):
+        weight.value = value
+    return model
+
+
+def residual(model: Model) -> np.ndarray:
+    vector = fem_petsc.assemble_vector(model.residual)
+    values = vector.array_r.copy()
+    vector.destroy()
+    return values
+
+
+def jacobian_times(model: Model, direction: np.ndarray) -> np.ndarray:
+    matrix = fem_petsc.assemble_matrix(model.jacobian)
+    matrix.assemble()
+    x, y = matrix.createVecs()
+    x.array_w[:] = direction
+    matrix.mult(x, y)
+    product = y.array_r.copy()
+    for item in (x, y, matrix):
+        item.destroy()
+    return product
+
+
+def taylor_orders(remainders: list[float]) -> np.ndarray:
+    return np.log2(np.array(remainders[:-1]) / np.array(remainders[1:]))
+
+
+@pytest.mark.parametrize("effect", ALL, ids=name_of)
+def test_residual_is_the_derivative_of_the_potential(effect: Effect) -> None:
+    model = scene(effect)
+    start = model.field.x.array.copy()
+    direction = np.random.default_rng(21).standard_normal(start.size)
+    slope, at_start = residual(model) @ direction, scenes.energy(model)
+    remainders = []
+    for h in 2e-4 / 2.0 ** np.arange(4):
+        model.field.x.array[:] = start + h * direction
+        remainders.append(abs(scenes.energy(model) - at_start - h * slope))
+    assert taylor_orders(remainders).min() > 1.9
+    assert slope != 0
+
+
+@pytest.mark.parametrize("effect", ALL, ids=name_of)
+def test_jacobian_is_the_derivative_of_the_residual(effect: Effect) -> None:
+    model = scene(effect)
+    start = model.field.x.array.copy()
+    direction = np.random.default_rng(22).standard_normal(start.size)
+    product, at_start = jacobian_times(model, direction), residual(model)
+    remainders = []
+    for h in 2e-4 / 2.0 ** np.arange(4):
+        model.field.x.array[:] = start + h * direction
+        remainders.append(np.linalg.norm(residual(model) - at_start - h * product))
+    linear = remainders[0] < 1e-12 * np.linalg.norm(product)
+    assert linear or taylor_orders(remainders).min() > 1.9
+    assert np.linalg.norm(product) > 0
+
+
+@pytest.mark.parametrize("effect", ALL, ids=name_of)
+def test_jacobian_is_symmetric(effect: Effect) -> None:
+    model = scene(effect)
+    a, b = np.random.default_rng(23).standard_normal((2, model.field.x.array.size))
+    left, right = a @ jacobian_times(model, b), b @ jacobian_times(model, a)
+    assert left == pytest.approx(right, rel=1e-11)
+
+
+@pytest.mark.parametrize("effect", ALL, ids=name_of)
+def test_mixed_tangent_is_the_plain_one_where_the_last_iterate_is_the_present(
+    effect: Effect,
+) -> None:
+    plain, mixed = scene(effect), scene(effect, mixed=True)
+    direction = np.random.default_rng(24).standard_normal(plain.field.x.array.size)
+    assert jacobian_times(mixed, direction) == pytest.approx(
+        jacobian_times(plain, direction), rel=1e-10, abs=1e-10
+    )
+
+
+@pytest.mark.parametrize(
+    ("effect", "parameter"),
+    [(e, p.name) for e in ALL for p in e.parameters],
+    ids=lambda v: v.name if isinstance(v, Effect) else v,
+)
+def test_jacobian_changes_when_the_parameter_does(effect: Effect, parameter: str) -> None:
+    values = plain_values(effect)
+    old = values[parameter]
+    changed = {
+        **values,
+        parameter: tuple(1.1 * v for v in old) if isinstance(old, tuple) else 1.1 * old,
+    }
+    direction = np.random.default_rng(25).standard_normal(scene(effect).field.x.array.size)
+    before = jacobian_times(scene(effect), direction)
+    after = jacobian_times(scene(effect, values=changed), direction)
+    assert np.linalg.norm(after - before) > 1e-4 * np.linalg.norm(before)
+
+
+@pytest.mark.parametrize("effect", STORED, ids=name_of)
+@pytest.mark.parametrize("angle", [pi / 2, 2.1])
+def test_rigid_rotation_stores_nothing_and_needs_no_force(effect: Effect, angle: float) -> None:
+    model = scenes.model(
+        scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9)),
+        [effect.name],
+        values={effect.name: plain_values(effect)},
+    )
+    turn = np.array([[cos(angle) - 1, -sin(angle)], [sin(angle), cos(angle) - 1]])
+    scenes.set_field(model.field, lambda x: turn @ x[:2])
+    force, stored = residual(model), scenes.energy(model)
+    # Round-off is measured by what a random displacement of that size would need.
+    random = np.random.default_rng(26).standard_normal(force.size)
+    needed = jacobian_times(model, random)
+    assert np.abs(force).max() < 1e-13 * np.abs(needed).max()
+    assert abs(stored) < 1e-24 * abs(random @ needed)
+
+
+@pytest.mark.parametrize("effect", ON_FACETS, ids=name_of)
+def test_swapping_the_sides_of_every_facet_changes_nothing(
+    effect: Effect, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = scene(effect)
+    as_built = residual(model)
+
+    def swapped(self: Balance) -> list[Line]:
+        return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self)]
+
+    def swap(line: Line) -> Line:
+        f_plus, f_minus, g_plus, g_minus = line.place.measures
+        other = replace(line.place, along=-line.place.along)
+        other = other.with_measures([f_minus, f_plus, g_minus, g_plus])
+        return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
+
+    def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
+        return [f_minus, f_plus, g_minus, g_plus]
+
+    whole = Balance.lines
+    monkeypatch.setattr(Balance, "lines", swapped)
+    test = ufl.TestFunction(model.space)
+    form = compile_form(model.balance.residual(test))
+    vector = fem.assemble_vector(form)
+    assert vector.array == pytest.approx(as_built, rel=1e-12, abs=1e-13)
+
+
+def test_the_six_effects_of_the_paper_are_there() -> None:
+    assert set(scenes.TABLE_1) <= set(effects())

@@ -1,0 +1,89 @@
+"""Small scenes that many tests share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import pi
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+
+from forms.catalogue import effects
+from wovenfab.model.constraints import Constraints, Grip, Held
+from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.sheet.rectangle import rectangle
+from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.solver.equilibrium import Controls, Equilibrium
+
+#: Table 1 of the paper, with the spin friction of its figure 7 (left).
+TABLE_1 = {
+    "stretch": {"stiffness": (1.27e8, 1.27e8)},
+    "shear": {"stiffness": 400.0},
+    "bending": {"stiffness": (254.1, 254.1)},
+    "coupling": {"stiffness": 6.0e7},
+    "slip_friction": {"strength": 199.2e3, "slope": 70.0},
+    "spin_friction": {"strength": 30.0, "slope": 40.0},
+}
+BONDED = ("stretch", "shear", "bending")
+COUPLED = (*BONDED, "coupling")
+CLAMP: Grip = (Held(), Held())
+PULL: dict[str, Grip] = {"left": CLAMP, "right": (Held(1.0), Held())}
+BIAS = (pi / 4, -pi / 4)
+
+
+def sheet(
+    length: float = 0.9,
+    width: float = 0.3,
+    mesh_size: float = 0.15,
+    pattern: str = "crossed",
+    fibres: tuple[float, float] = BIAS,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Sheet:
+    """Return a structured rectangle."""
+    mesh, facets, edges = rectangle(comm, length, width, mesh_size, pattern)
+    return Sheet(mesh, facets, edges, directions(fibres))
+
+
+def model(
+    on: Sheet,
+    names: Sequence[str],
+    numerics: Numerics | None = None,
+    values: Mapping[str, Mapping[str, float | tuple[float, float]]] = TABLE_1,
+    rotation_edges: Sequence[str] = (),
+) -> Model:
+    """Return the compiled model of the named effects."""
+    chosen = [effects()[name] for name in names]
+    return build_model(on, chosen, values, numerics or Numerics(2), rotation_edges)
+
+
+def solver(
+    of: Model, grips: Mapping[str, Grip] = PULL, controls: Controls | None = None
+) -> tuple[Constraints, Equilibrium]:
+    """Return constraints and solver of a model."""
+    constraints = Constraints(of.space, of.sheet, grips)
+    return constraints, Equilibrium(of, constraints, controls or Controls())
+
+
+def force(
+    of: Model, grips: Mapping[str, Grip], displacement: float
+) -> dict[str, tuple[float, float]]:
+    """Return the reactions (N) after one elastic step from rest."""
+    constraints, equilibrium = solver(of, grips)
+    constraints.set(displacement)
+    outcome = equilibrium.solve()
+    assert outcome.converged, outcome
+    reactions = constraints.reactions(equilibrium.force)
+    equilibrium.destroy()
+    return reactions
+
+
+def energy(of: Model) -> float:
+    """Return the incremental potential (J) of the present field."""
+    return float(of.comm.allreduce(fem.assemble_scalar(of.potential)))
+
+
+def set_field(function: fem.Function, displacement: object) -> None:
+    """Interpolate the same displacement (x -> (2, n)) into every placement."""
+    size = function.function_space.dofmap.index_map_bs // 2
+    function.interpolate(lambda x: np.vstack([displacement(x)] * size))  # type: ignore[operator]

@@ -1,0 +1,166 @@
+"""Manufactured solutions: the orders that theory promises, for P2, P3 and P4.
+
+The body force is the strong form's, b = -dp + ddm along each fibre with p and m the
+derivatives of the density by f and g; it knows nothing of the facet terms, so a wrong
+sign or scale in them would show as a lost order.
+"""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from dolfinx.mesh import exterior_facet_indices
+from petsc4py import PETSc
+
+from forms.kinematics import along, curvature_vector, label, stretch, twice_along
+from forms.places import displacements, point_of
+from tests import scenes
+from wovenfab.model.compiler import compile_form
+from wovenfab.model.model import Model, Numerics
+
+VALUES = {
+    "stretch": {"stiffness": (3.0, 2.0)},
+    "shear": {"stiffness": 1.5},
+    "bending": {"stiffness": (0.02, 0.03)},
+    "coupling": {"stiffness": 4.0},
+}
+#: One placement, a fourth-order problem: p + 1 in L2 (2 for P2, where duality gives
+#: no more), p in H1 and p - 1 in the broken H2 norm.
+ONE_PLACEMENT = {2: (2, 2, 1), 3: (4, 3, 2), 4: (5, 4, 3)}
+#: Two placements: there is no energy across a placement's own fibres, hence no duality;
+#: the energy norm promises p - 1 for slip, stretch and curvature together, no more.
+TWO_PLACEMENTS = {2: (1, 1, 1), 3: (2, 2, 2), 4: (3, 3, 3)}
+
+
+def exact(x: object, components: int) -> object:
+    """Return a smooth, finite displacement with rotations, stretches and curvature."""
+    a = 0.08 * ufl.sin(pi * x[0]) * ufl.cos(pi * x[1])
+    b = 0.06 * ufl.cos(pi * x[0]) * ufl.sin(0.5 * pi * x[1])
+    c = 0.05 * ufl.sin(0.5 * pi * (x[0] + x[1]))
+    return ufl.as_vector((a, b) if components == 2 else (a, b, c, -a))
+
+
+def density(model: Model, point: object) -> object:
+    """Return the stored energy density of all terms."""
+    return sum(t.effect.stored(point, t.values) for t in model.balance.terms)
+
+
+def load(model: Model, u: object, test: object) -> object:
+    """Return the work of body force and edge moment that keep ``u`` in balance.
+
+    All placements are held on the boundary, so only the moment m (D·n) acts there.
+    """
+    fibres = model.balance.fibres
+    point = label(point_of(u, fibres, True))
+    energy = density(model, point)
+    p = [ufl.diff(energy, f) for f in point.f]
+    m = [ufl.diff(energy, g) for g in point.g]
+    rule = {"quadrature_degree": model.balance.quadrature + 4}
+    normal = ufl.FacetNormal(model.sheet.mesh)
+    form = 0
+    for a, v in enumerate(displacements(test)):
+        d = fibres[a]
+        force = -along(d, p[a]) + twice_along(d, m[a])
+        if point.slip is not None:
+            force = force + (1 if a == 0 else -1) * ufl.diff(energy, point.slip)
+        form += ufl.dot(force, v) * ufl.dx(metadata=rule)
+        form += ufl.dot(d, normal) * ufl.dot(m[a], along(d, v)) * ufl.ds(metadata=rule)
+    return form
+
+
+def solve(model: Model) -> None:
+    """Solve for the manufactured load with the exact values held on the boundary."""
+    mesh, space = model.sheet.mesh, model.space
+    x = ufl.SpatialCoordinate(mesh)
+    u, test = exact(x, space.dofmap.index_map_bs), ufl.TestFunction(space)
+    held = fem.Function(space)
+    points = space.element.interpolation_points
+    held.interpolate(fem.Expression(u, points() if callable(points) else points))
+    mesh.topology.create_connectivity(1, 2)
+    edge = exterior_facet_indices(mesh.topology)
+    bc = fem.dirichletbc(held, fem.locate_dofs_topological(space, 1, edge))
+    force = fem_petsc.assemble_vector(compile_form(load(model, u, test)))
+    force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    model.field.x.array[:] = held.x.array
+    solver = PETSc.KSP().create(mesh.comm)
+    solver.setType("preonly")
+    solver.getPC().setType("lu")
+    for _ in range(20):
+        model.last.x.array[:] = model.field.x.array
+        matrix = fem_petsc.assemble_matrix(model.jacobian, [bc])
+        matrix.assemble()
+        residual = fem_petsc.assemble_vector(model.residual)
+        residual.axpy(-1.0, force)
+        fem_petsc.set_bc(residual, [bc], model.field.x.petsc_vec, -1.0)
+        size = residual.norm()
+        change = residual.duplicate()
+        solver.setOperators(matrix)
+        solver.solve(residual, change)
+        model.field.x.petsc_vec.axpy(-1.0, change)
+        for item in (matrix, residual, change):
+            item.destroy()
+        if size < 1e-9:
+            break
+    assert size < 1e-9
+    solver.destroy()
+    force.destroy()
+
+
+def norms(model: Model) -> np.ndarray:
+    """Return the errors in the L2, H1 and broken H2 norm."""
+    e = model.field - exact(ufl.SpatialCoordinate(model.sheet.mesh), 2)
+    parts = [e, ufl.grad(e), ufl.grad(ufl.grad(e))]
+    return np.sqrt(np.cumsum([integral(model, ufl.inner(t, t)) for t in parts]))
+
+
+def strain_errors(model: Model) -> np.ndarray:
+    """Return the L2 errors of the placements, the stretches and the curvatures."""
+    u, fibres = exact(ufl.SpatialCoordinate(model.sheet.mesh), 4), model.balance.fibres
+    found, true = (point_of(w, fibres, True) for w in (model.field, u))
+    parts = [
+        [model.field - u],
+        [ufl.as_vector((stretch(a) - stretch(b),)) for a, b in zip(found.f, true.f, strict=True)],
+        [
+            curvature_vector(f, g) - curvature_vector(*exact_fg)
+            for f, g, *exact_fg in zip(found.f, found.g, true.f, true.g, strict=True)
+        ],
+    ]
+    squares = [sum(ufl.inner(t, t) for t in part) for part in parts]
+    return np.sqrt([integral(model, q) for q in squares])
+
+
+def integral(model: Model, density: object) -> float:
+    rule = ufl.dx(metadata={"quadrature_degree": 2 * model.balance.degree + 4})
+    return fem.assemble_scalar(compile_form(density * rule))
+
+
+def observed(names: tuple[str, ...], degree: int, measure: object) -> np.ndarray:
+    """Return the orders between the two finest of three meshes."""
+    found = []
+    for cells in (4, 8, 16):
+        sheet = scenes.sheet(1.0, 1.0, 1 / cells, "right", fibres=(0.5, 0.5 + pi / 2))
+        model = scenes.model(sheet, names, Numerics(degree), VALUES)
+        solve(model)
+        found.append(measure(model))
+    return np.log2(found[1] / found[2])
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4])
+def test_one_placement_has_the_orders_of_a_fourth_order_problem(degree: int) -> None:
+    orders = observed(scenes.BONDED, degree, norms)
+    theory = np.array(ONE_PLACEMENT[degree])
+    print(f"\nP{degree}: observed {np.round(orders, 2)}, theory {theory} (L2, H1, broken H2)")
+    assert (orders > theory - 0.25).all()
+
+
+@pytest.mark.parametrize("degree", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
+def test_two_placements_have_the_order_of_the_energy_norm(degree: int) -> None:
+    orders = observed(scenes.COUPLED, degree, strain_errors)
+    theory = np.array(TWO_PLACEMENTS[degree])
+    print(f"\nP{degree}: observed {np.round(orders, 2)}, theory {theory} (L2, stretch, curvature)")
+    assert (orders > theory - 0.25).all()

@@ -1,0 +1,132 @@
+"""The ``wovenfab`` command and what all of its subcommands share."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wovenfab import __version__
+from wovenfab.case import CaseError, json_schema
+from wovenfab.commands import check as check_command
+from wovenfab.commands import report as report_command
+from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice
+
+app = typer.Typer(
+    help="Predict how woven fabrics stretch, shear, bend, slip and lose energy to friction.\n\n"
+    "A case is a YAML file; try [bold]wovenfab check configs/bias-1x3.yaml[/bold], then "
+    "[bold]wovenfab run configs/bias-1x3.yaml[/bold]. On several processors: "
+    "[bold]mpirun -n 2 wovenfab run …[/bold]. Results open in ParaView (fields.xdmf).",
+    rich_markup_mode="rich",
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+CaseFile = Annotated[Path, typer.Argument(help="The case file (YAML).", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        show_default=False,
+        help='Change a value of the case, as in --set effects.shear.stiffness="500 N/m".',
+    ),
+]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"wovenfab {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Take the options that stand before a subcommand."""
+
+
+@app.command()
+def run(
+    case: CaseFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            show_default=False,
+            help="Results directory; results/<name of the case> unless given.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
+    ] = False,
+    petsc: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="PETSc options after a double dash, as in -- -snes_monitor.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Run a case: history.csv, fields.xdmf, summary.json and pictures in a directory.
+
+    Exit code 0: finished; 2: the case or the directory cannot be used; 3: a step
+    could not be made, and all results before it are in the directory.
+    """
+    from wovenfab.commands.run import run_case  # loads dolfinx, which takes a moment
+
+    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or []))
+
+
+@app.command()
+def check(case: CaseFile, overrides: Overrides = None) -> None:
+    """Validate a case and say what would be built: effects, unknowns, steps, memory."""
+    sys.exit(check_command.check_case(case, overrides or []))
+
+
+@app.command()
+def report(
+    directory: Annotated[Path, typer.Argument(help="A results directory.", show_default=False)],
+) -> None:
+    """Draw the pictures of a run again, from its files alone."""
+    sys.exit(report_command.report_results(directory))
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON Schema of case files, for editors that complete and check YAML."""
+    import json
+
+    typer.echo(json.dumps(json_schema(), indent=2))
+
+
+def main() -> None:
+    """Run the command line; no traceback for anything that a user did."""
+    voice = Voice()
+    try:
+        app()
+    except CaseError as error:
+        voice.problem(str(error))
+        sys.exit(BAD_INPUT)
+    except KeyboardInterrupt:
+        voice.problem("interrupted")
+        sys.exit(INTERRUPTED)
+    except Exception:
+        # A fault of the program: say so, and take the other ranks down with this one.
+        traceback.print_exc()
+        print("wovenfab: this is a fault of the program; please report it.", file=sys.stderr)
+        if "mpi4py.MPI" in sys.modules and int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+            sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(1)
+        sys.exit(1)
+
+
+__all__ = ["BAD_INPUT", "FAILED_STEP", "app", "main"]

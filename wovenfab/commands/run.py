@@ -1,0 +1,81 @@
+"""``wovenfab run``."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from wovenfab.case import read_case
+from wovenfab.commands.sheet import sheet_for
+from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, Voice
+from wovenfab.record.results import ResultsExistError, open_results
+from wovenfab.report.apart import draw_apart
+from wovenfab.simulation.progress import Progress, Stopwatch
+
+SLOW_BLAS = (
+    "warning: no tuned BLAS is loaded, so factorisation will be several times slower; "
+    "install OpenBLAS (Debian: libopenblas0-pthread)"
+)
+#: Part of the path of every BLAS that is fast enough.
+FAST_BLAS = ("openblas", "mkl", "blis", "libflexiblas")
+
+
+def run_case(
+    path: Path, output: Path | None, overrides: Sequence[str], overwrite: bool, petsc: Sequence[str]
+) -> int:
+    """Run the case file and return the exit code; collective."""
+    started = time.perf_counter()
+    case = read_case(path, overrides)
+    voice = Voice()
+    with voice:
+        voice.progress(Progress("loading"))
+        _start_petsc(petsc)
+        from wovenfab.simulation.run import run
+
+        watch = Stopwatch()
+        watch.seconds["import"] = time.perf_counter() - started
+        if not _blas_is_fast():
+            voice.say(SLOW_BLAS)
+        try:
+            with watch.phase("mesh"):
+                sheet = sheet_for(case, path, overrides)
+            directory = open_results(output or Path("results") / case.name, overwrite)
+        except ResultsExistError as error:
+            voice.problem(str(error))
+            return BAD_INPUT
+        result = run(case, sheet, directory, voice.progress, watch)
+    if case.output.pictures:
+        warning = draw_apart(directory).warning
+        if warning is not None:
+            voice.say(f"warning: {warning}")
+    if result.failure is not None:
+        voice.problem(f"{result.failure}; the results before that are in {directory}")
+        return FAILED_STEP
+    _tell(voice, result.summary, directory)
+    return 0
+
+
+def _start_petsc(options: Sequence[str]) -> None:
+    """Hand PETSc its command line before anything else starts it."""
+    import petsc4py
+
+    petsc4py.init([sys.argv[0], *options])
+
+
+def _tell(voice: Voice, summary: Mapping[str, Any], directory: Path) -> None:
+    voice.say(
+        f"done: {summary['steps']} steps, peak force {summary['peak_force_N']:.6g} N, "
+        f"dissipated {summary['dissipated_J']:.6g} J, results in {directory}"
+    )
+
+
+def _blas_is_fast() -> bool:
+    """Return whether a tuned BLAS is loaded; true where that cannot be known."""
+    try:
+        maps = Path("/proc/self/maps").read_text()
+    except OSError:
+        return True
+    return any(name in maps for name in FAST_BLAS)

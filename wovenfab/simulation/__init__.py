@@ -1,0 +1,1 @@
+"""From a validated case to a run: everything below is put together here."""
