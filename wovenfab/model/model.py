@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from forms.balance import Balance, Rate, Term
 from forms.effect import Effect
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.compiler import compile_forms
 from wovenfab.sheet.sheet import Sheet
 
 
@@ -152,6 +152,15 @@ def build_model(
     )
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
     power = balance.power()
+    jacobian, residual, potential, *rest = compile_forms(
+        [
+            balance.jacobian(trial, test, last if numerics.mixed else None),
+            balance.residual(test),
+            balance.potential(),
+            *([] if power is None else [power]),
+        ],
+        mesh.comm,
+    )
     return Model(
         sheet=sheet,
         effects=tuple(effects),
@@ -161,10 +170,10 @@ def build_model(
         history=history,
         rate_weights=rate_weights,
         balance=balance,
-        residual=compile_form(balance.residual(test)),
-        jacobian=compile_form(balance.jacobian(trial, test, last if numerics.mixed else None)),
-        potential=compile_form(balance.potential()),
-        power=None if power is None else compile_form(power),
+        residual=residual,
+        jacobian=jacobian,
+        potential=potential,
+        power=rest[0] if rest else None,
         weights={t.effect.name: t.weight for t in terms},
     )
 

@@ -12,7 +12,7 @@ import numpy as np
 from wovenfab.case import Case, dump_case
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
-from wovenfab.record.collective import on_root
+from wovenfab.parallel import on_root
 from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import History, StepRecord, read_history
 from wovenfab.record.lattice import Lattice
@@ -80,7 +80,7 @@ def run(
         steps = march.steps()
         while True:
             try:
-                with watch.phase("steps"):
+                with watch.phase("steps" if march.started else "first step"):
                     step = next(steps, None)
             except StepFailedError as error:
                 failure = error

@@ -113,6 +113,11 @@ class March:
         self._dissipated = {e.name: 0.0 for e in model.effects if e.dissipative}
         self._before = _Balance(np.zeros(own), dict.fromkeys(self._dissipated, 0.0))
 
+    @property
+    def started(self) -> bool:
+        """Whether a step has been accepted."""
+        return self._number > 0
+
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
 

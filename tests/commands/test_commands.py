@@ -1,0 +1,174 @@
+"""The command line as a user meets it: what it prints, writes and exits with."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wovenfab.case import read_case
+
+#: A bonded sheet with spin friction on a coarse mesh: one placement, two cycles, quick.
+CASE = """\
+title: Small test
+sheet: {length: 0.9 m, width: 0.3 m, fibres: [45 deg, -45 deg]}
+effects:
+  stretch: {stiffness: 1.27e8 N/m}
+  shear: {stiffness: 400 N/m}
+  bending: {stiffness: 254.1 N*m}
+  spin_friction: {strength: 30 N/m, slope: 40 s}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: cycles, amplitudes: [10 mm, 20 mm], max_velocity: 0.5 m/s}
+discretisation: {degree: 2, mesh_size: 150 mm}
+time: {steps_per_cycle: 8}
+output: {every: 4, pictures: false}
+"""
+COLUMNS = (
+    "step,time_s,displacement_m,force_N,force_transverse_N,energy_J,energy_bending_J,"
+    "energy_shear_J,energy_stretch_J,dissipated_J,dissipated_spin_friction_J,work_J,imbalance_J,"
+    "newton_iterations"
+)
+
+
+def wovenfab(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "wovenfab", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, text=True, capture_output=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with the case and the results of its run."""
+    path = tmp_path_factory.mktemp("commands")
+    (path / "small.yaml").write_text(CASE)
+    ended = wovenfab("run", "small.yaml", cwd=path)
+    assert ended.returncode == 0, ended.stderr
+    return path
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    with (path / "history.csv").open() as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_a_run_writes_all_its_files_into_results_by_name(folder: Path) -> None:
+    names = {p.name for p in (folder / "results" / "small").iterdir() if p.name[0] != "."}
+    wanted = {"case.yaml", "history.csv", "reactions.csv", "fields.xdmf", "fields.h5"}
+    assert names == wanted | {"summary.json"}
+
+
+def test_history_has_the_promised_columns_and_one_row_a_step(folder: Path) -> None:
+    found = rows(folder / "results" / "small")
+    assert ",".join(found[0]) == COLUMNS
+    assert [int(r["step"]) for r in found] == list(range(17))
+    assert [float(found[i]["displacement_m"]) for i in (4, 8, 12, 16)] == [0.01, 0.0, 0.02, 0.0]
+
+
+def test_the_case_as_resolved_reads_as_the_same_case(folder: Path) -> None:
+    again = read_case(folder / "results" / "small" / "case.yaml")
+    assert again.model_dump() == read_case(folder / "small.yaml").model_dump()
+
+
+def test_summary_tells_peak_force_cycles_and_phases(folder: Path) -> None:
+    directory = folder / "results" / "small"
+    summary = json.loads((directory / "summary.json").read_text())
+    assert summary["outcome"] == "finished"
+    assert summary["peak_force_N"] == max(float(r["force_N"]) for r in rows(directory))
+    assert len(summary["cycles"]) == 2
+    assert {"import", "mesh", "compile", "steps"} <= set(summary["wall_time_s"])
+
+
+def test_existing_results_are_never_overwritten_silently(folder: Path) -> None:
+    before = (folder / "results" / "small" / "history.csv").read_bytes()
+    ended = wovenfab("run", "small.yaml", cwd=folder)
+    assert ended.returncode == 2
+    assert "already holds results" in ended.stderr
+    assert "--overwrite" in ended.stderr
+    assert (folder / "results" / "small" / "history.csv").read_bytes() == before
+
+
+def test_a_bad_case_ends_with_2_one_line_a_problem_and_nothing_written(tmp_path: Path) -> None:
+    (tmp_path / "bad.yaml").write_text(CASE.replace("stretch: {stiffness", "stretch: {stifness"))
+    ended = wovenfab("run", "bad.yaml", cwd=tmp_path)
+    assert ended.returncode == 2
+    assert ended.stderr.startswith("bad.yaml:4: effects.stretch.stifness: unknown key.")
+    assert "Did you mean 'stiffness'?" in ended.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
+
+
+def test_an_edge_that_the_geometry_lacks_is_named_with_its_line(tmp_path: Path) -> None:
+    geometry = Path(__file__).parents[2] / "meshes" / "rectangle.geo"
+    file = f"file: {os.path.relpath(geometry, tmp_path)}"
+    text = CASE.replace("length: 0.9 m, width: 0.3 m", file)
+    (tmp_path / "case.yaml").write_text(text.replace("left: clamp", "lefft: clamp"))
+    ended = wovenfab("run", "case.yaml", cwd=tmp_path)
+    assert ended.returncode == 2
+    assert "case.yaml:8: boundary.lefft: the sheet has no edge 'lefft'" in ended.stderr
+    assert [p.name for p in tmp_path.iterdir()] == ["case.yaml"]
+
+
+def test_a_step_that_cannot_be_made_ends_with_3_and_keeps_what_was_computed(
+    folder: Path,
+) -> None:
+    ended = wovenfab(
+        "run", "small.yaml", "-o", "failed",
+        "--set", "program={type: ramp, to: 0.6 m, steps: 10, velocity: 0.5 m/s}",
+        "--set", "time.smallest_step=0.25", cwd=folder,
+    )  # fmt: skip
+    assert ended.returncode == 3, ended.stderr
+    assert "no equilibrium at t = " in ended.stderr
+    assert "Traceback" not in ended.stderr
+    found = rows(folder / "failed")
+    assert 1 < len(found) < 11
+    assert all("nan" not in value for row in found for value in row.values())
+    summary = json.loads((folder / "failed" / "summary.json").read_text())
+    assert summary["outcome"].startswith("no equilibrium")
+    assert summary["cut_backs"] > 0
+
+
+def test_petsc_options_are_reachable_from_the_case_and_the_command_line(folder: Path) -> None:
+    short = "program={type: ramp, to: 1 mm, steps: 1, velocity: 0.5 m/s}"
+    by_case = wovenfab(
+        "run", "small.yaml", "-o", "petsc1", "--set", short,
+        "--set", "solver.petsc={snes_monitor: ''}", cwd=folder,
+    )  # fmt: skip
+    by_command = wovenfab(
+        "run", "small.yaml", "-o", "petsc2", "--set", short, "--", "-snes_view", cwd=folder
+    )
+    assert "SNES Function norm" in by_case.stdout, by_case.stderr
+    assert "type: cholesky" in by_command.stdout, by_command.stderr
+    assert "package used to perform factorization: mumps" in by_command.stdout
+
+
+def test_check_says_what_would_be_built_and_writes_nothing(folder: Path, tmp_path: Path) -> None:
+    ended = wovenfab("check", folder / "small.yaml", cwd=tmp_path)
+    assert ended.returncode == 0
+    assert "one placement, facet integrals (bending), rates by bdf2" in ended.stdout
+    summary = json.loads((folder / "results" / "small" / "summary.json").read_text())
+    assert f": {summary['unknowns']} unknowns, 16 load steps" in ended.stdout
+    assert not list(tmp_path.iterdir())
+
+
+def test_schema_is_json_and_version_is_said(tmp_path: Path) -> None:
+    schema = json.loads(wovenfab("schema", cwd=tmp_path).stdout)
+    assert "stretch" in json.dumps(schema)
+    assert wovenfab("--version", cwd=tmp_path).stdout.startswith("wovenfab ")
+
+
+def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -> None:
+    """The ranks must agree to 1e-8 relative, and each line must be printed once."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    ended = subprocess.run(
+        ["mpirun", "-n", "2", sys.executable, "-m", "wovenfab", "run", "small.yaml", "-o", "two"],
+        cwd=folder, env=environment, text=True, capture_output=True, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.count("done: 16 steps") == 1
+    for one, two in zip(rows(folder / "results" / "small"), rows(folder / "two"), strict=True):
+        for column in ("force_N", "energy_J", "dissipated_J"):
+            assert float(two[column]) == pytest.approx(float(one[column]), rel=1e-8, abs=1e-9)
+        assert one["newton_iterations"] == two["newton_iterations"]
