@@ -17,7 +17,15 @@ import ufl
 from .effect import Effect, Values
 from .interior_penalty import edge_penalty, facet_penalty
 from .kinematics import Edge, Facet, Pair, Point
-from .places import edge_of, edge_variation, facet_of, facet_variation, point_of, point_variation
+from .places import (
+    displacements,
+    edge_of,
+    edge_variation,
+    facet_of,
+    facet_variation,
+    point_of,
+    point_variation,
+)
 from .variation import first_variation, mixed_variation, second_variation
 
 
@@ -44,6 +52,27 @@ class Rate:
 
     weights: Sequence[Any]
     history: Sequence[Any]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A dead load on some edges.
+
+    Attributes:
+        force: Force per reference length, shape (2,), N/m.
+        families: 0, 1 or both; both share the load equally.
+        measure: UFL measure of the edges.
+    """
+
+    force: Any
+    families: tuple[int, ...]
+    measure: Any
+
+    def work(self, displacement: Any) -> Any:
+        """Return the work (J) of the load on a displacement field or its variation."""
+        parts = displacements(displacement)
+        shared = sum(ufl.dot(self.force, parts[a]) for a in self.families) / len(self.families)
+        return shared * self.measure
 
 
 @dataclass(frozen=True)
@@ -83,7 +112,10 @@ class Balance:
         degree: Degree of the elements.
         quadrature: Quadrature degree of all integrals.
         penalty: sigma of the interior penalty, None for the automatic one.
-        held_edges: Measure of the edges that hold yarn directions, or None.
+        held_edges: For each family, measure of the edges that hold its yarn directions,
+            or None.
+        loads: Dead loads.
+        load_weight: UFL scalar that multiplies the loads in :meth:`potential`.
     """
 
     terms: tuple[Term, ...]
@@ -93,7 +125,9 @@ class Balance:
     degree: int
     quadrature: int
     penalty: Any | None = None
-    held_edges: Any | None = None
+    held_edges: tuple[Any | None, Any | None] = (None, None)
+    loads: tuple[Load, ...] = ()
+    load_weight: Any = 1
 
     @property
     def second_gradient(self) -> bool:
@@ -106,6 +140,8 @@ class Balance:
         total = sum(t.weight * self._density(t, point) for t in self.terms) * self._dx
         for line in self.lines():
             total += line.weighted() * line.measure
+        for load in self.loads:
+            total -= self.load_weight * load.work(self.field)
         return total
 
     def power(self) -> Any | None:
@@ -122,6 +158,8 @@ class Balance:
         total = first_variation(self._density_of(self.terms), point, self._vary(test)) * self._dx
         for line in self.lines():
             total += first_variation(line.energy, line.place, line.vary(test)) * line.measure
+        for load in self.loads:
+            total -= load.work(test)
         return total
 
     def jacobian(self, trial: Any, test: Any, last: Any | None = None) -> Any:
@@ -196,11 +234,12 @@ class Balance:
                 facet = facet_of(self.field, self.fibres, a, penalty, normal)
                 vary = partial(facet_variation, fibres=self.fibres, family=a)
                 found.append(Line(facet, on_facets, vary, ufl.dS(metadata=rule)))
-            if on_edges and self.held_edges is not None:
+            held = self.held_edges[a]
+            if on_edges and held is not None:
                 penalty = edge_penalty(mesh, self.degree, self.penalty)
                 edge = edge_of(self.field, self.fibres, a, penalty, normal)
                 vary = partial(edge_variation, fibres=self.fibres, family=a)
-                found.append(Line(edge, on_edges, vary, self.held_edges(metadata=rule)))
+                found.append(Line(edge, on_edges, vary, held(metadata=rule)))
         return found
 
 

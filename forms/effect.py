@@ -27,6 +27,9 @@ class Parameter:
         meaning: One line for ``wovenfab schema`` and the docs.
         per_family: Whether the two families may have different values.
         zero_allowed: Whether zero is meaningful (a stiffness) or not (a slope).
+        default: Value in the SI unit where a case gives none; None if it must.
+        above: Lower bound in the SI unit that is not reached itself, such as 1 for a
+            power; None for the bound that ``zero_allowed`` implies.
     """
 
     name: str
@@ -34,6 +37,8 @@ class Parameter:
     meaning: str
     per_family: bool = False
     zero_allowed: bool = True
+    default: float | None = None
+    above: float | None = None
 
 
 @dataclass(frozen=True)
@@ -56,7 +61,7 @@ class Strain:
     """One quadratic term ``stiffness/2 * measure**2`` of a stored energy.
 
     A stored energy that is given as a sum of these gets the mixed-integration-point
-    tangent (Magisano, Leonetti, Garcea 2017, doi:10.1016/j.cma.2016.10.018), which
+    tangent (Magisano, Leonetti, Garcea, CMAME 2017), which
     keeps Newton's method quick where the stiffness is huge.
     """
 

@@ -15,7 +15,7 @@ def facet_penalty(mesh: Any, degree: int, factor: Any | None = None) -> Any:
 
     Without ``factor`` it is the local value from the trace inequality, sharp for
     every degree p: 3 a p(p-1)/8 h_F (1/|T+| + 1/|T-|), a > 1 (Bringmann, Carstensen,
-    Streitberger 2024, doi:10.1515/jnma-2023-0028).
+    Streitberger 2023).
 
     Args:
         mesh: UFL domain or mesh.

@@ -53,7 +53,7 @@ def mixed_variation(
     The second variation of k/2 s^2 is k ds ds + (k s) dds. In the geometric part
     the force k s is replaced by its linearisation from the last iterate, so that a
     large rotation of a stiff yarn is not taken for a large force
-    (doi:10.1016/j.cma.2016.10.018). At the solution both are the same.
+    (Magisano, Leonetti, Garcea, CMAME 2017). At the solution both are the same.
 
     Args:
         strains: The quadratic terms as a function of the point.

@@ -15,6 +15,9 @@ from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.program import Program
+from wovenfab.stepping.scheme import SCHEMES
 
 #: Table 1 of the paper, with the spin friction of its figure 7 (left).
 TABLE_1 = {
@@ -27,9 +30,11 @@ TABLE_1 = {
 }
 BONDED = ("stretch", "shear", "bending")
 COUPLED = (*BONDED, "coupling")
-CLAMP: Grip = (Held(), Held())
-PULL: dict[str, Grip] = {"left": CLAMP, "right": (Held(1.0), Held())}
+CLAMP = (Held(), Held())
+PULL = (Grip("left", CLAMP), Grip("right", (Held(1.0), Held())))
 BIAS = (pi / 4, -pi / 4)
+#: Discretisation of the prototype; tests that need nothing else share its kernels.
+PROTOTYPE = Numerics(2, quadrature=4, penalty=10.0)
 
 
 def sheet(
@@ -52,13 +57,14 @@ def model(
     values: Mapping[str, Mapping[str, float | tuple[float, float]]] = TABLE_1,
     rotation_edges: Sequence[str] = (),
 ) -> Model:
-    """Return the compiled model of the named effects."""
+    """Return the compiled model of the named effects; edges hold both families' rotation."""
     chosen = [effects()[name] for name in names]
-    return build_model(on, chosen, values, numerics or Numerics(2), rotation_edges)
+    held = (rotation_edges, rotation_edges)
+    return build_model(on, chosen, values, numerics or Numerics(2), held)
 
 
 def solver(
-    of: Model, grips: Mapping[str, Grip] = PULL, controls: Controls | None = None
+    of: Model, grips: Sequence[Grip] = PULL, controls: Controls | None = None
 ) -> tuple[Constraints, Equilibrium]:
     """Return constraints and solver of a model."""
     constraints = Constraints(of.space, of.sheet, grips)
@@ -66,16 +72,33 @@ def solver(
 
 
 def force(
-    of: Model, grips: Mapping[str, Grip], displacement: float
+    of: Model, grips: Sequence[Grip], displacement: float, controls: Controls | None = None
 ) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) after one elastic step from rest."""
-    constraints, equilibrium = solver(of, grips)
+    constraints, equilibrium = solver(of, grips, controls)
     constraints.set(displacement)
     outcome = equilibrium.solve()
     assert outcome.converged, outcome
     reactions = constraints.reactions(equilibrium.force)
     equilibrium.destroy()
     return reactions
+
+
+def march(
+    of: Model,
+    program: Program,
+    scheme: str = "backward-euler",
+    grips: Sequence[Grip] = PULL,
+    controls: Controls | None = None,
+    smallest_step: float = 1 / 64,
+) -> list[Step]:
+    """Return all steps of a march from rest; the model's field is left at its end."""
+    of.field.x.array[:] = 0
+    constraints, equilibrium = solver(of, grips, controls)
+    marching = March(of, constraints, equilibrium, program, SCHEMES[scheme], smallest_step)
+    steps = list(marching.steps())
+    equilibrium.destroy()
+    return steps
 
 
 def energy(of: Model) -> float:

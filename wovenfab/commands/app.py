@@ -94,6 +94,26 @@ def check(case: CaseFile, overrides: Overrides = None) -> None:
 
 
 @app.command()
+def effects(
+    case: CaseFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            show_default=False,
+            help="Directory of table and chart; results/<name of the case>-effects unless given.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+) -> None:
+    """Measure what each effect costs and changes: the case whole, without each, each alone."""
+    from wovenfab.commands.effects import study_effects
+
+    sys.exit(study_effects(case, output, overrides or []))
+
+
+@app.command()
 def report(
     directory: Annotated[Path, typer.Argument(help="A results directory.", show_default=False)],
 ) -> None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from dolfinx import fem
@@ -12,37 +11,65 @@ from numpy.typing import NDArray
 
 from wovenfab.sheet.sheet import Sheet
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True)
 class Held:
-    """A prescribed component: displacement = factor · program + offset.
+    """A prescribed component: displacement = factor · program + offset, or a field.
 
     Attributes:
         factor: Multiple of the program.
         offset: Constant part, m.
+        field: Displacement (m) against x, y (m) and the program (m), instead of both.
     """
 
     factor: float = 0.0
     offset: float = 0.0
+    field: Callable[[Array, Array, float], Array] | None = None
 
-    def at(self, program: float) -> float:
-        """Return the displacement (m) for a program value (m)."""
-        return self.factor * program + self.offset
+    def at(self, positions: Array, program: float) -> Array:
+        """Return the displacement (m) at reference positions, shape (n, 2 or 3)."""
+        x, y = positions[:, 0], positions[:, 1]
+        value = self.factor * program + self.offset
+        return np.broadcast_to(self.field(x, y, program) if self.field else value, x.shape)
 
 
-#: For each component (x, y): how it is held, or None where it is free.
-Grip = tuple[Held | None, Held | None]
+@dataclass(frozen=True)
+class Grip:
+    """How an edge is held.
+
+    Attributes:
+        edge: Name of the edge.
+        components: For x and y how it is held, or None where it is free.
+        families: 0, 1 or both.
+    """
+
+    edge: str
+    components: tuple[Held | None, Held | None]
+    families: tuple[int, ...] = (0, 1)
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One component of one placement on one edge."""
+    """One component of one placement on one edge.
+
+    Attributes:
+        dofs: Its unknowns on this rank, ghosts included.
+        owned: Those that the rank owns.
+        positions: Reference positions of ``dofs``, shape (n, 3), m.
+        values: Prescribed values of all unknowns; the part writes those of ``places``.
+        places: Where in ``values`` the values of ``dofs`` stand.
+    """
 
     edge: str
     component: int
     held: Held
-    value: fem.Constant
+    dofs: NDArray[np.int32]
     owned: NDArray[np.int32]
+    positions: Array
+    values: fem.Function
+    places: NDArray[np.int32]
 
 
 class Constraints:
@@ -55,42 +82,38 @@ class Constraints:
         edges: Names of the edges that hold anything.
     """
 
-    def __init__(self, space: fem.FunctionSpace, sheet: Sheet, grips: Mapping[str, Grip]) -> None:
+    def __init__(self, space: fem.FunctionSpace, sheet: Sheet, grips: Sequence[Grip]) -> None:
         """Find the unknowns that each grip holds.
 
         Args:
             space: Space of 2 components a placement.
             sheet: The sheet with its named edges.
-            grips: How each edge is held, by name.
+            grips: How edges are held.
         """
-        size = space.dofmap.index_map_bs
         self._comm = space.mesh.comm
+        self.edges = tuple(dict.fromkeys(grip.edge for grip in grips))
+        size = space.dofmap.index_map_bs
+        scalar, _ = space.sub(0).collapse()
         self._parts: list[_Part] = []
         self.bcs: list[fem.DirichletBC] = []
-        self.edges = tuple(grips)
-        local = space.dofmap.index_map.size_local * size
-        taken = np.zeros(
-            (space.dofmap.index_map.size_local + space.dofmap.index_map.num_ghosts) * size, bool
-        )
-        for name, grip in grips.items():
-            for k in range(size):
-                held = grip[k % 2]
-                if held is None:
-                    continue
-                dofs = fem.locate_dofs_topological(space.sub(k), 1, sheet.edge_facets(name))
-                dofs = dofs[~taken[dofs]]
-                taken[dofs] = True
-                value = fem.Constant(space.mesh, np.float64(0.0))
-                self.bcs.append(fem.dirichletbc(value, dofs, space.sub(k)))
-                # dolfinx 0.9 over-counts owned unknowns on blocked spaces: filter here.
-                self._parts.append(_Part(name, k % 2, held, value, dofs[dofs < local]))
+        for k in range(size):
+            # One placement stands for both families, two for one each.
+            mine = [g for g in grips if size == 2 or k // 2 in g.families]
+            parts = _component(space, scalar, sheet, k, mine)
+            if parts:
+                dofs = np.concatenate([part.dofs for part in parts])
+                places = np.concatenate([part.places for part in parts])
+                order = np.argsort(dofs)
+                pair = [dofs[order], places[order]]
+                self.bcs.append(fem.dirichletbc(parts[0].values, pair, space.sub(k)))
+            self._parts += parts
 
     def set(self, program: float) -> None:
         """Prescribe the placements for a program value (m)."""
         for part in self._parts:
-            part.value.value = part.held.at(program)
+            part.values.x.array[part.places] = part.held.at(part.positions, program)
 
-    def reactions(self, force: NDArray[np.float64]) -> dict[str, tuple[float, float]]:
+    def reactions(self, force: Array) -> dict[str, tuple[float, float]]:
         """Return the force (N) that each edge exerts on the sheet, x and y.
 
         Args:
@@ -105,7 +128,7 @@ class Constraints:
             name: (float(fx), float(fy)) for name, (fx, fy) in zip(self.edges, total, strict=True)
         }
 
-    def work(self, force: NDArray[np.float64], displacement: NDArray[np.float64]) -> float:
+    def work(self, force: Array, displacement: Array) -> float:
         """Return the work (J) of forces on displacement increments at held unknowns.
 
         Args:
@@ -115,12 +138,35 @@ class Constraints:
         mine = sum(float(force[p.owned] @ displacement[p.owned]) for p in self._parts)
         return float(self._comm.allreduce(mine))
 
-    def unmet(self, field: Any) -> bool:
+    def unmet(self, field: fem.Function) -> bool:
         """Return whether any prescribed value is not yet attained; same on all ranks."""
-        values = field.x.array
         mine = any(
-            p.owned.size
-            and not np.array_equal(values[p.owned], np.full(p.owned.size, p.value.value))
+            not np.array_equal(field.x.array[p.dofs], p.values.x.array[p.places])
             for p in self._parts
         )
         return bool(self._comm.allreduce(int(mine)))
+
+
+def _component(
+    space: fem.FunctionSpace, scalar: fem.FunctionSpace, sheet: Sheet, k: int, grips: Sequence[Grip]
+) -> list[_Part]:
+    """Return the parts of component ``k`` of the space, each unknown in one of them."""
+    size = space.dofmap.index_map_bs
+    own = space.dofmap.index_map.size_local * size
+    everywhere = space.tabulate_dof_coordinates()
+    values = fem.Function(scalar)
+    taken = np.zeros(len(everywhere) * size, dtype=bool)
+    parts = []
+    for grip in grips:
+        held = grip.components[k % 2]
+        if held is None:
+            continue
+        facets = sheet.edge_facets(grip.edge)
+        dofs, places = fem.locate_dofs_topological((space.sub(k), scalar), 1, facets)
+        free = ~taken[dofs]
+        dofs, places = dofs[free], places[free]
+        taken[dofs] = True
+        # dolfinx 0.9 over-counts owned unknowns on blocked spaces: filter here.
+        owned, positions = dofs[dofs < own], everywhere[dofs // size]
+        parts.append(_Part(grip.edge, k % 2, held, dofs, owned, positions, values, places))
+    return parts

@@ -2,20 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
+from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
-from forms.balance import Balance, Rate, Term
+from forms.balance import Balance, Load, Rate, Term
 from forms.effect import Effect
 from wovenfab.model.compiler import compile_forms
 from wovenfab.sheet.sheet import Sheet
+
+#: A parameter: a number, or a function of the reference position (UFL in and out).
+Value = float | Callable[[Any], Any]
+#: The name under which dead loads stand beside the effects in :attr:`Model.weights`.
+LOAD = "dead load"
+
+
+@dataclass(frozen=True)
+class EdgeLoad:
+    """A dead force per reference length on an edge.
+
+    Attributes:
+        edge: Name of the edge.
+        families: 0, 1 or both, which then share the load.
+        force: x and y component, N/m.
+    """
+
+    edge: str
+    families: tuple[int, ...]
+    force: tuple[Value, Value]
 
 
 @dataclass(frozen=True)
@@ -85,6 +107,13 @@ class Model:
         """1 or 2."""
         return int(self.space.dofmap.index_map_bs) // 2
 
+    @property
+    def facet_integrals(self) -> int:
+        """Number of compiled integrals over interior facets, all forms together."""
+        forms = (self.jacobian, self.residual, self.potential, self.power)
+        kinds = [kind for form in forms if form is not None for kind in form.integral_types]
+        return kinds.count(IntegralType.interior_facet)
+
     def shares(self, form: fem.Form, names: Sequence[str]) -> dict[str, float]:
         """Return each named effect's share of a weighted scalar form (J or W)."""
         result = {}
@@ -100,6 +129,10 @@ class Model:
         """Return the stored energy (J) by effect."""
         return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
 
+    def load_work(self) -> float:
+        """Return the work (J) that the dead loads have done since the reference state."""
+        return -self.shares(self.potential, [LOAD])[LOAD] if self.balance.loads else 0.0
+
     def dissipated_power(self) -> dict[str, float]:
         """Return the dissipated power (W) by effect; empty without friction."""
         if self.power is None:
@@ -110,9 +143,10 @@ class Model:
 def build_model(
     sheet: Sheet,
     effects: Sequence[Effect],
-    values: Mapping[str, Mapping[str, float | tuple[float, float]]],
+    values: Mapping[str, Mapping[str, Value | tuple[Value, Value]]],
     numerics: Numerics,
-    rotation_edges: Sequence[str] = (),
+    rotation_edges: tuple[Sequence[str], Sequence[str]] = ((), ()),
+    loads: Sequence[EdgeLoad] = (),
 ) -> Model:
     """Build and compile the model of a scene.
 
@@ -121,7 +155,8 @@ def build_model(
         effects: Effects of the scene.
         values: Parameter values in SI units by effect and parameter name.
         numerics: Discretisation.
-        rotation_edges: Names of the edges that hold the yarn directions.
+        rotation_edges: For each family, the edges that hold its yarn directions.
+        loads: Dead loads on edges.
     """
     mesh = sheet.mesh
     placements = max(e.needs.placements for e in effects)
@@ -133,13 +168,9 @@ def build_model(
     kept = numerics.history if any(e.needs.rate for e in effects) else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
-    terms = tuple(Term(e, _constants(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
-    held = ufl.Measure(
-        "ds",
-        domain=mesh,
-        subdomain_data=sheet.facets,
-        subdomain_id=tuple(sheet.edges[name] for name in rotation_edges),
-    )
+    terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
+    on_edges = partial(_measure, mesh, sheet)
+    load_weight = _constant(mesh, 1.0)
     balance = Balance(
         terms=terms,
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
@@ -148,7 +179,16 @@ def build_model(
         degree=numerics.degree,
         quadrature=numerics.quadrature or 2 * numerics.degree,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
-        held_edges=held if rotation_edges else None,
+        held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
+        loads=tuple(
+            Load(
+                ufl.as_vector([_symbol(mesh, f) for f in load.force]),
+                load.families,
+                on_edges([load.edge]),
+            )
+            for load in loads
+        ),
+        load_weight=load_weight,
     )
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
     power = balance.power()
@@ -174,7 +214,7 @@ def build_model(
         jacobian=jacobian,
         potential=potential,
         power=rest[0] if rest else None,
-        weights={t.effect.name: t.weight for t in terms},
+        weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
     )
 
 
@@ -182,10 +222,23 @@ def _constant(mesh: Any, value: Any) -> fem.Constant:
     return fem.Constant(mesh, np.asarray(value, dtype=np.float64))
 
 
-def _constants(mesh: Any, values: Mapping[str, float | tuple[float, float]]) -> dict[str, Any]:
+def _measure(mesh: Any, sheet: Sheet, edges: Sequence[str]) -> Any | None:
+    """Return the measure of the named edges, or None without any."""
+    if not edges:
+        return None
+    tags = tuple(sheet.edges[name] for name in edges)
+    return ufl.Measure("ds", domain=mesh, subdomain_data=sheet.facets, subdomain_id=tags)
+
+
+def _symbol(mesh: Any, value: Value) -> Any:
+    """Return a number as a constant of the forms, or a field as its expression."""
+    return value(ufl.SpatialCoordinate(mesh)) if callable(value) else _constant(mesh, value)
+
+
+def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> dict[str, Any]:
     return {
-        name: tuple(_constant(mesh, v) for v in value)
+        name: tuple(_symbol(mesh, v) for v in value)
         if isinstance(value, tuple)
-        else _constant(mesh, value)
+        else _symbol(mesh, value)
         for name, value in values.items()
     }

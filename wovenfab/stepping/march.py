@@ -206,8 +206,7 @@ class March:
         else:
             now = stage
             mean = now if jump else _mean(self._before, now)
-        own = increment[: self._own]
-        self._work += self._constraints.work(mean.force, own)
+        self._work += self._constraints.work(mean.force, increment[: self._own])
         for name, power in mean.power.items():
             self._dissipated[name] += step * power
         self._before = now
@@ -224,7 +223,7 @@ class March:
             reactions=self._constraints.reactions(self._before.force),
             stored=self._model.stored_energy(),
             dissipated=dict(self._dissipated),
-            work=self._work,
+            work=self._work + self._model.load_work(),
             iterations=iterations,
             cutbacks=self._cutbacks,
             milestone=milestone,

@@ -1,0 +1,1 @@
+"""Studies: the same case many times over, with one thing changed."""

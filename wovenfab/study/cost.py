@@ -1,0 +1,129 @@
+"""What one scene costs, measured in this process without writing any results."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from wovenfab.case import Case
+from wovenfab.simulation.assemble import (
+    constraints_of,
+    driven_edge,
+    equilibrium_of,
+    model_of,
+    program_of_case,
+    scheme_of,
+    sheet_of,
+)
+from wovenfab.stepping.march import March
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a scene costs and gives.
+
+    Attributes:
+        unknowns: Number of unknowns.
+        placements: 1 or 2.
+        facet_integrals: Number of integrals over interior facets in the tangent.
+        compile: Time from UFL to machine code with an empty cache, s.
+        assembly: Time to assemble one tangent, s.
+        factorisation: Time of one numerical factorisation, s.
+        step: Mean time of a step, s.
+        whole: Time of all steps, s.
+        iterations: Mean Newton iterations of a step.
+        peak_force: Largest force of the driven edge along its motion, N.
+        dissipated: Energy dissipated at the end, J.
+    """
+
+    unknowns: int
+    placements: int
+    facet_integrals: int
+    compile: float
+    assembly: float
+    factorisation: float
+    step: float
+    whole: float
+    iterations: float
+    peak_force: float
+    dissipated: float
+
+
+def measure(case: Case, comm: MPI.Comm) -> Cost:
+    """Run a case from an empty kernel cache and return what it cost; collective."""
+    sheet = sheet_of(case, comm)
+    with _empty_cache(comm):
+        start = time.perf_counter()
+        model = model_of(case, sheet)
+        constraints = constraints_of(case, model)
+        equilibrium = equilibrium_of(case, model, constraints)
+        compiled = time.perf_counter() - start
+    program = program_of_case(case)
+    march = March(
+        model, constraints, equilibrium, program, scheme_of(case), case.time.smallest_step
+    )
+    edge, (along_x, along_y) = driven_edge(case)
+    PETSc.Log.begin()
+    events = {name: _Event(name) for name in ("SNESJacobianEval", "MatCholFctrNum")}
+    forces, iterations, lost = [], [], 0.0
+    start = time.perf_counter()
+    for step in march.steps():
+        fx, fy = step.reactions[edge]
+        forces.append(along_x * fx + along_y * fy)
+        iterations.append(step.iterations)
+        lost = sum(step.dissipated.values())
+    whole = time.perf_counter() - start
+    equilibrium.destroy()
+    steps = max(len(forces) - 1, 1)
+    return Cost(
+        unknowns=model.unknowns,
+        placements=model.placements,
+        facet_integrals=model.facet_integrals,
+        compile=compiled,
+        assembly=events["SNESJacobianEval"].mean(),
+        factorisation=events["MatCholFctrNum"].mean(),
+        step=whole / steps,
+        whole=whole,
+        iterations=sum(iterations) / steps,
+        peak_force=max(forces, key=abs),
+        dissipated=lost,
+    )
+
+
+class _Event:
+    """A PETSc event, counted from now on."""
+
+    def __init__(self, name: str) -> None:
+        self._event = PETSc.Log.Event(name)
+        self._before = self._event.getPerfInfo()
+
+    def mean(self) -> float:
+        """Return the mean time (s) of the event since the start."""
+        now = self._event.getPerfInfo()
+        count = now["count"] - self._before["count"]
+        return float((now["time"] - self._before["time"]) / count) if count else 0.0
+
+
+@contextmanager
+def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
+    """Let kernels be compiled anew inside, in a folder that all ranks share."""
+    before = os.environ.get("XDG_CACHE_HOME")
+    folder = tempfile.TemporaryDirectory() if comm.rank == 0 else None
+    os.environ["XDG_CACHE_HOME"] = comm.bcast(folder.name if folder else None)
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["XDG_CACHE_HOME"]
+        else:
+            os.environ["XDG_CACHE_HOME"] = before
+        comm.barrier()
+        if folder:
+            folder.cleanup()

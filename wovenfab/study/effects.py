@@ -1,0 +1,128 @@
+"""What each effect costs and changes: the scene whole, without each, and with each alone."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from itertools import combinations
+from pathlib import Path
+
+from mpi4py import MPI
+
+from wovenfab.case import Case, CaseError
+from wovenfab.study.cost import Cost, measure
+
+#: Returns the case with the named effects only, or raises CaseError.
+Reader = Callable[[Sequence[str]], Case]
+
+
+@dataclass(frozen=True)
+class Row:
+    """One scene of the study.
+
+    Attributes:
+        scene: ``"all effects"``, ``"without <effect>"`` or ``"<effect> alone"``, where a
+            case that is not well posed alone has the fewest others that make it so.
+        cost: What it cost, or None where it is not a well-posed problem.
+        refused: Why not, else empty.
+    """
+
+    scene: str
+    cost: Cost | None
+    refused: str = ""
+
+
+def study(
+    names: Sequence[str], read: Reader, comm: MPI.Comm, tell: Callable[[Row], None]
+) -> list[Row]:
+    """Measure all scenes of a case one after the other; collective.
+
+    Args:
+        names: The effects of the case.
+        read: Returns the case with some of them.
+        comm: The ranks that compute.
+        tell: Called with each row as it is known.
+    """
+    rows: dict[frozenset[str], Row] = {}
+    for scene, kept in _scenes(names, read):
+        if frozenset(kept) in rows:
+            continue
+        try:
+            row = Row(scene, measure(read(kept), comm))
+        except CaseError as error:
+            row = Row(scene, None, error.problems[0].message)
+        tell(row)
+        rows[frozenset(kept)] = row
+    return list(rows.values())
+
+
+def _scenes(names: Sequence[str], read: Reader) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield each scene's name and its effects."""
+    yield "all effects", tuple(names)
+    for name in names:
+        yield f"without {name}", tuple(n for n in names if n != name)
+    for name in names:
+        helpers = _fewest(name, names, read)
+        yield (
+            f"{name} with {' and '.join(helpers)}" if helpers else f"{name} alone",
+            (
+                name,
+                *helpers,
+            ),
+        )
+
+
+def _fewest(name: str, names: Sequence[str], read: Reader) -> tuple[str, ...]:
+    """Return the fewest other effects with which ``name`` makes a well-posed problem."""
+    others = [n for n in names if n != name]
+    for count in range(len(others)):
+        for helpers in combinations(others, count):
+            try:
+                read((name, *helpers))
+            except CaseError:
+                continue
+            return helpers
+    return ()
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """Write the table in SI units."""
+    names = [f.name for f in fields(Cost)]
+    with path.open("w", newline="", encoding="utf-8") as stream:
+        writer = csv.DictWriter(stream, ["scene", *names, "refused"])
+        writer.writeheader()
+        for row in rows:
+            values = asdict(row.cost) if row.cost else {}
+            writer.writerow({"scene": row.scene, **values, "refused": row.refused})
+
+
+#: Heading, unit and how a cost is shown in the table.
+COLUMNS: tuple[tuple[str, Callable[[Cost], str]], ...] = (
+    ("unknowns", lambda c: f"{c.unknowns}"),
+    ("facet integrals", lambda c: f"{c.facet_integrals}"),
+    ("compile (s)", lambda c: f"{c.compile:.1f}"),
+    ("assembly (ms)", lambda c: f"{1e3 * c.assembly:.0f}"),
+    ("factorisation (ms)", lambda c: f"{1e3 * c.factorisation:.0f}"),
+    ("step (ms)", lambda c: f"{1e3 * c.step:.0f}"),
+    ("all steps (s)", lambda c: f"{c.whole:.1f}"),
+    ("iterations", lambda c: f"{c.iterations:.1f}"),
+    ("peak force (N)", lambda c: f"{c.peak_force:.4g}"),
+    ("dissipated (J)", lambda c: f"{c.dissipated:.3g}"),
+)
+
+
+def markdown(rows: Sequence[Row]) -> str:
+    """Return the table in Markdown; scenes that are not well posed with the reason."""
+    lines = [
+        "| scene | " + " | ".join(title for title, _ in COLUMNS) + " |",
+        "|---|" + "---:|" * len(COLUMNS),
+    ]
+    for row in rows:
+        if row.cost is not None:
+            cost = row.cost
+            lines.append(f"| {row.scene} | " + " | ".join(show(cost) for _, show in COLUMNS) + " |")
+    refused = [f"- {row.scene}: {row.refused}" for row in rows if row.cost is None]
+    if refused:
+        lines += ["", "Not well posed, and refused:", "", *refused]
+    return "\n".join(lines) + "\n"
