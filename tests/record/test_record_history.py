@@ -1,0 +1,150 @@
+from dataclasses import replace
+from math import inf, nan, pi
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from wovenfab.record.history import History, StepRecord, read_history, read_reactions
+
+FIRST = StepRecord(
+    step=0,
+    time=0.0,
+    displacement=0.0,
+    force=0.0,
+    force_transverse=0.0,
+    stored={"stretch": 0.5, "bending": 0.25},
+    dissipated={"slip_friction": 0.0},
+    work=0.0,
+    iterations=0,
+    reactions={"left": (0.0, 0.0), "right": (0.0, 0.0)},
+)
+SECOND = StepRecord(
+    step=1,
+    time=1 / 3,
+    displacement=1e-3 * pi,
+    force=np.float64(2 / 7),
+    force_transverse=-1e-17,
+    stored={"bending": 1.25, "stretch": 1.5},
+    dissipated={"slip_friction": 0.125},
+    work=4.0,
+    iterations=5,
+    reactions={"left": (-2 / 7, 0.1), "right": (2 / 7, -0.1)},
+)
+
+
+def start(directory: Path) -> History:
+    return History(directory, ["stretch", "bending"], ["slip_friction"], ["left", "right"])
+
+
+def test_the_columns_are_the_promised_ones(tmp_path: Path) -> None:
+    start(tmp_path).close()
+    assert (tmp_path / "history.csv").read_text() == (
+        "step,time_s,displacement_m,force_N,force_transverse_N,energy_J,energy_stretch_J,"
+        "energy_bending_J,dissipated_J,dissipated_slip_friction_J,work_J,imbalance_J,"
+        "newton_iterations\n"
+    )
+    assert (tmp_path / "reactions.csv").read_text() == (
+        "step,time_s,left_x_N,left_y_N,right_x_N,right_y_N\n"
+    )
+
+
+def test_dissipated_energy_has_its_column_without_dissipative_effects(tmp_path: Path) -> None:
+    with History(tmp_path, ["stretch"], [], []) as history:
+        history.append(replace(FIRST, stored={"stretch": 1.0}, dissipated={}, reactions={}))
+    assert read_history(tmp_path)["dissipated_J"].tolist() == [0.0]
+
+
+def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        history.append(SECOND)
+    table, reactions = read_history(tmp_path), read_reactions(tmp_path)
+    assert table["time_s"][1] == SECOND.time
+    assert table["displacement_m"][1] == SECOND.displacement
+    assert table["force_N"][1] == SECOND.force
+    assert table["force_transverse_N"][1] == SECOND.force_transverse
+    assert table["energy_bending_J"][1] == 1.25
+    assert table["newton_iterations"].tolist() == [0, 5]
+    assert [reactions[f"{edge}_{xy}_N"][1] for edge in ("left", "right") for xy in "xy"] == [
+        *SECOND.reactions["left"],
+        *SECOND.reactions["right"],
+    ]
+
+
+def test_totals_and_imbalance_follow_from_the_rows(tmp_path: Path) -> None:
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        history.append(SECOND)
+    table = read_history(tmp_path)
+    assert table["energy_J"].tolist() == [0.75, 2.75]
+    assert table["dissipated_J"].tolist() == [0.0, 0.125]
+    assert table["imbalance_J"].tolist() == [0.0, 4.0 - 2.0 - 0.125]
+
+
+def test_a_row_is_on_disk_before_the_next_one(tmp_path: Path) -> None:
+    history = start(tmp_path)
+    history.append(FIRST)
+    assert len(read_history(tmp_path)["step"]) == 1
+    assert len(read_reactions(tmp_path)["step"]) == 1
+    history.close()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"force": nan},
+        {"work": inf},
+        {"stored": {"stretch": 1.0, "bending": -inf}},
+        {"reactions": {"left": (0.0, nan), "right": (0.0, 0.0)}},
+    ],
+)
+def test_numbers_that_are_not_finite_reach_no_file(tmp_path: Path, change: dict) -> None:
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        with pytest.raises(ValueError, match="not finite"):
+            history.append(replace(SECOND, **change))
+        history.append(SECOND)
+    assert read_history(tmp_path)["step"].tolist() == [0, 1]
+    assert read_reactions(tmp_path)["step"].tolist() == [0, 1]
+
+
+@pytest.mark.parametrize(
+    "change", [{"stored": {"stretch": 1.0}}, {"dissipated": {}}, {"reactions": {"top": (0.0, 0.0)}}]
+)
+def test_other_effects_or_edges_than_announced_are_refused(tmp_path: Path, change: dict) -> None:
+    with start(tmp_path) as history, pytest.raises(ValueError, match="but the history has"):
+        history.append(replace(FIRST, **change))
+
+
+def test_a_step_is_not_written_twice(tmp_path: Path) -> None:
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        with pytest.raises(ValueError, match="comes after"):
+            history.append(FIRST)
+
+
+def test_a_row_that_a_killed_run_left_unfinished_is_dropped(tmp_path: Path) -> None:
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        history.append(SECOND)
+    path = tmp_path / "history.csv"
+    path.write_text(path.read_text()[:-7])
+    assert read_history(tmp_path)["step"].tolist() == [0]
+
+
+def test_a_history_without_rows_has_empty_columns(tmp_path: Path) -> None:
+    start(tmp_path).close()
+    assert read_history(tmp_path)["force_N"].shape == (0,)
+
+
+@pytest.mark.mpi
+def test_all_ranks_call_and_one_writes(shared_path: Path) -> None:
+    with start(shared_path) as history:
+        history.append(FIRST)
+        with pytest.raises(ValueError, match="not finite"):
+            history.append(replace(SECOND, work=nan))
+        history.append(SECOND)
+    MPI.COMM_WORLD.Barrier()
+    assert read_history(shared_path)["step"].tolist() == [0, 1]

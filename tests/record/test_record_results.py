@@ -1,0 +1,71 @@
+from pathlib import Path
+
+import pytest
+from mpi4py import MPI
+
+from wovenfab.record.results import FILES, ResultsExistError, open_results, write_whole
+
+
+def test_a_new_directory_is_made_with_its_parents(tmp_path: Path) -> None:
+    assert open_results(tmp_path / "results" / "a").is_dir()
+
+
+def test_an_existing_empty_directory_is_taken(tmp_path: Path) -> None:
+    assert open_results(tmp_path) == tmp_path
+
+
+def test_results_are_refused_a_second_time_with_both_remedies(tmp_path: Path) -> None:
+    open_results(tmp_path)
+    with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
+        open_results(tmp_path)
+
+
+def test_overwriting_removes_our_files_and_keeps_the_users(tmp_path: Path) -> None:
+    open_results(tmp_path)
+    for name in FILES:
+        (tmp_path / name).write_text("old")
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "history.csv").write_text("mine")
+    open_results(tmp_path, overwrite=True)
+    assert not [name for name in FILES if (tmp_path / name).exists()]
+    assert (tmp_path / "notes.txt").read_text() == "mine"
+    assert (tmp_path / "folder" / "history.csv").read_text() == "mine"
+
+
+def test_a_directory_that_is_not_ours_is_refused_even_with_overwrite(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text("mine")
+    with pytest.raises(ResultsExistError, match="did not write"):
+        open_results(tmp_path, overwrite=True)
+    assert (tmp_path / "case.yaml").read_text() == "mine"
+
+
+def test_overwriting_follows_no_link_out_of_the_directory(tmp_path: Path) -> None:
+    outside = tmp_path / "precious.csv"
+    outside.write_text("mine")
+    directory = open_results(tmp_path / "results")
+    (directory / "history.csv").symlink_to(outside)
+    open_results(directory, overwrite=True)
+    assert outside.read_text() == "mine"
+
+
+def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
+    (tmp_path / "results").write_text("")
+    with pytest.raises(ResultsExistError, match="is a file"):
+        open_results(tmp_path / "results")
+
+
+def test_a_failed_write_leaves_the_old_text(tmp_path: Path) -> None:
+    path = tmp_path / "summary.json"
+    write_whole(path, "old")
+    with pytest.raises(UnicodeEncodeError):
+        write_whole(path, "new \ud800")
+    assert path.read_text() == "old"
+
+
+@pytest.mark.mpi
+def test_every_rank_learns_that_results_exist(shared_path: Path) -> None:
+    open_results(shared_path / "results")
+    with pytest.raises(ResultsExistError):
+        open_results(shared_path / "results")
+    assert MPI.COMM_WORLD.allreduce(1) == MPI.COMM_WORLD.size

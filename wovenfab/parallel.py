@@ -1,0 +1,42 @@
+"""Work done by one rank such that all ranks agree on how it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+
+def world() -> MPI.Comm:
+    """Return the communicator of all ranks; MPI is loaded only now, for readers need none."""
+    from mpi4py import MPI
+
+    return MPI.COMM_WORLD
+
+
+def agree(comm: MPI.Comm, problem: Exception | None) -> None:
+    """Raise on every rank if any rank has a problem; collective.
+
+    Args:
+        comm: The ranks that must agree.
+        problem: What went wrong on this rank, or None.
+
+    Raises:
+        Exception: The problem of the lowest rank that has one.
+    """
+    for found in comm.allgather(problem):
+        if found is not None:
+            raise found
+
+
+def on_root(comm: MPI.Comm, action: Callable[[], None]) -> None:
+    """Run ``action`` on rank 0; what it raises is raised on every rank. Collective."""
+    problem: Exception | None = None
+    if comm.rank == 0:
+        try:
+            action()
+        except Exception as error:
+            problem = error
+    agree(comm, problem)

@@ -1,0 +1,98 @@
+"""The results directory: made once, never overwritten silently, never emptied."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wovenfab.parallel import on_root, world
+
+if TYPE_CHECKING:
+    from mpi4py import MPI
+
+#: Shows that wovenfab made the directory, so that only such a one can be overwritten.
+MARKER = ".wovenfab"
+
+#: Everything that wovenfab writes into a results directory, and may replace.
+FILES = (
+    "case.yaml",
+    "history.csv",
+    "reactions.csv",
+    "fields.h5",
+    "fields.xdmf",
+    "summary.json",
+    "loop.png",
+    "loop.svg",
+    "deformed.png",
+)
+
+
+class ResultsExistError(Exception):
+    """The results directory holds something that must not be overwritten."""
+
+
+def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> Path:
+    """Make the results directory ready for a new run; collective.
+
+    With ``overwrite`` the files of an earlier run are removed, and nothing else: a user's
+    own files stay, and a directory that wovenfab did not make is refused all the same.
+
+    Args:
+        path: The directory; it and its parents are made if missing.
+        overwrite: Whether the results of an earlier run may be replaced.
+        comm: The ranks that call; all of MPI's if None.
+
+    Returns:
+        The directory.
+
+    Raises:
+        ResultsExistError: The directory is in use; the message says what to do.
+        OSError: It cannot be made or written.
+    """
+    directory = Path(path)
+    on_root(world() if comm is None else comm, lambda: _prepare(directory, overwrite))
+    return directory
+
+
+def write_whole(path: Path, text: str) -> None:
+    """Write a file such that a reader finds the old text or the new one, never a part."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
+
+
+def _prepare(directory: Path, overwrite: bool) -> None:
+    if directory.exists() and not directory.is_dir():
+        raise ResultsExistError(
+            f"{directory} is a file, so no results can be written there; "
+            "choose another directory with -o"
+        )
+    directory.mkdir(parents=True, exist_ok=True)
+    if any(directory.iterdir()):
+        _clear(directory, overwrite)
+    try:
+        (directory / MARKER).touch(exist_ok=False)
+    except FileExistsError:  # another run was quicker
+        raise _exists(directory) from None
+
+
+def _clear(directory: Path, overwrite: bool) -> None:
+    """Remove an earlier run's files, the marker last."""
+    if not (directory / MARKER).exists():
+        raise ResultsExistError(
+            f"{directory} holds files that wovenfab did not write, so it is left alone; "
+            "choose a new directory with -o"
+        )
+    if not overwrite:
+        raise _exists(directory)
+    for name in FILES:
+        (directory / name).unlink(missing_ok=True)
+        (directory / f".{name}.part").unlink(missing_ok=True)
+    (directory / MARKER).unlink()
+
+
+def _exists(directory: Path) -> ResultsExistError:
+    return ResultsExistError(
+        f"{directory} already holds results; choose another directory with -o, "
+        "or replace them with --overwrite"
+    )
