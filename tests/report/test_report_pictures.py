@@ -1,0 +1,139 @@
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from tests.report.sample import make
+from wovenfab.record.history import read_history
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.report.deformed import deformed
+from wovenfab.report.loop import loop
+from wovenfab.report.pictures import ReportError, draw
+from wovenfab.report.source import open_source
+from wovenfab.report.style import readable
+
+
+def test_all_pictures_are_drawn_from_the_files_alone(two: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "elsewhere"
+    shutil.copytree(two, moved)
+    drawn = draw(moved)
+    assert [path.name for path in drawn] == ["loop.png", "loop.svg", "deformed.png"]
+    for path in (drawn[0], drawn[2]):
+        picture = imread(path)
+        assert picture.shape[1] > 1000
+        assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 20
+
+
+def test_equal_results_give_equal_files(small: Path) -> None:
+    first = [path.read_bytes() for path in draw(small)]
+    assert [path.read_bytes() for path in draw(small)] == first
+
+
+def test_the_loop_shows_every_row_once_in_millimetres(two: Path) -> None:
+    history = read_history(two)
+    figure = loop(open_source(two))
+    axes = figure.axes[0]
+    curves = [line for line in axes.lines if len(line.get_xdata()) > 2]
+    assert len(curves) == 3
+    x = np.concatenate([curves[0].get_xdata(), *(line.get_xdata()[1:] for line in curves[1:])])
+    np.testing.assert_allclose(x, 1e3 * history["displacement_m"], atol=1e-9)
+    assert axes.get_xlabel() == "displacement (mm)"
+    assert axes.get_ylabel() == "force (N)"
+
+
+def test_the_loop_states_the_dissipated_energy_of_the_data(two: Path) -> None:
+    legend = loop(open_source(two)).axes[0].get_legend()
+    lost = read_history(two)["dissipated_J"]
+    said = [float(text.get_text().split()[-2]) for text in legend.get_texts()]
+    np.testing.assert_allclose(said, np.diff(lost[[0, 80, 160, 240]]), rtol=6e-3)
+
+
+def test_a_cycle_that_the_run_did_not_finish_is_marked(tmp_path: Path) -> None:
+    stopped = make(tmp_path / "stopped", [0.02, 0.03], every=200, stop=100)
+    said = [text.get_text() for text in loop(open_source(stopped)).axes[0].get_legend().get_texts()]
+    assert ["not finished" in text for text in said] == [False, True]
+
+
+def test_an_elastic_loop_speaks_of_no_dissipation(small: Path) -> None:
+    path = small / "history.csv"
+    header, *rows = path.read_text().split()
+    at = header.split(",").index("dissipated_J")
+    cut = [row.split(",") for row in rows]
+    path.write_text(
+        "\n".join([header, *(",".join([*r[:at], "0.0", *r[at + 1 :]]) for r in cut), ""])
+    )
+    legend = loop(open_source(small)).axes[0].get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["1 (30 mm)"]
+
+
+def test_the_loop_needs_no_summary_and_no_case(small: Path) -> None:
+    (small / "summary.json").unlink()
+    (small / "case.yaml").unlink()
+    axes = loop(open_source(small)).axes[0]
+    assert axes.get_title() == "small"
+    assert max(len(line.get_xdata()) for line in axes.lines) == 81
+    lost = read_history(small)["dissipated_J"][-1]
+    assert axes.get_legend().get_texts()[0].get_text() == f"energy dissipated: {lost:.3g} J"
+
+
+def test_the_sheet_is_shown_at_the_largest_displacement_stored(two: Path) -> None:
+    figure = deformed(open_source(two), read_fields(two))
+    axes, bar = figure.axes
+    assert any("at 60 mm" in text.get_text() for text in axes.texts)
+    right = max(c.get_datalim(axes.transData).x1 for c in axes.collections)
+    assert right == pytest.approx(960, abs=2)
+    assert bar.get_xlabel() == "slip between the families β (mm)"
+
+
+def test_the_yarns_are_those_of_both_families(two: Path) -> None:
+    axes = deformed(open_source(two), read_fields(two)).axes[0]
+    yarns = [c for c in axes.collections if str(c.get_label()).startswith("family")]
+    assert len(yarns) == 2
+    for family in yarns:
+        assert 20 <= len(family.get_segments()) <= 30
+
+
+def test_one_placement_is_coloured_by_the_shear_angle(small: Path) -> None:
+    bar = deformed(open_source(small), read_fields(small)).axes[1]
+    assert bar.get_xlabel() == "shear angle (°)"
+
+
+def test_a_run_without_fields_has_a_loop(small: Path) -> None:
+    for name in ("fields.h5", "fields.xdmf"):
+        (small / name).unlink()
+    assert [path.name for path in draw(small)] == ["loop.png", "loop.svg"]
+
+
+@pytest.mark.parametrize("rows", [1, 2, 30])
+def test_a_run_that_stopped_early_has_its_pictures(tmp_path: Path, rows: int) -> None:
+    assert len(draw(make(tmp_path / "stopped", [0.03], every=10, stop=rows))) == 3
+
+
+def test_a_broken_picture_does_not_cost_the_others(small: Path) -> None:
+    (small / "fields.h5").write_bytes(b"no HDF5")
+    with pytest.raises(ReportError, match="no picture of deformed") as caught:
+        draw(small)
+    assert [path.name for path in caught.value.drawn] == ["loop.png", "loop.svg"]
+
+
+def test_fibres_are_understood_in_degrees_and_in_radians(small: Path) -> None:
+    fibres = open_source(small).fibres
+    np.testing.assert_allclose(fibres, np.array([[1, 1], [1, -1]]) / np.sqrt(2), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0.0, "0 N"),
+        (2e-5, "20 µN"),
+        (0.02, "20 mN"),
+        (999, "999 N"),
+        (-1500, "-1.5 kN"),
+        (3e6, "3 MN"),
+    ],
+)
+def test_units_keep_numbers_short(value: float, text: str) -> None:
+    unit = readable("N", value)
+    assert f"{value * unit.factor:.3g} {unit.name}" == text

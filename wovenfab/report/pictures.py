@@ -1,0 +1,67 @@
+"""All pictures of a results directory."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wovenfab.record.field_file import DATA
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.report.deformed import deformed
+from wovenfab.report.loop import loop
+from wovenfab.report.source import open_source
+from wovenfab.report.style import house_style, save
+
+
+class ReportError(Exception):
+    """Some pictures could not be drawn.
+
+    Attributes:
+        drawn: The pictures that could.
+    """
+
+    def __init__(self, message: str, drawn: list[Path]) -> None:
+        """Keep what was drawn beside the message."""
+        super().__init__(message)
+        self.drawn = drawn
+
+
+def draw(directory: str | Path) -> list[Path]:
+    """Draw every picture that the results allow, into their directory.
+
+    Args:
+        directory: A results directory, of a finished run or not.
+
+    Returns:
+        The files written: ``loop.png`` and ``loop.svg``, and ``deformed.png`` where the
+        run has fields.
+
+    Raises:
+        ReportError: A picture failed; the others are drawn all the same.
+    """
+    folder = Path(directory)
+    drawn: list[Path] = []
+    problems: list[str] = []
+    for name, picture in (("loop", _loop), ("deformed", _deformed)):
+        try:
+            with house_style():
+                drawn += picture(folder)
+        except Exception as error:  # one picture must not cost the others
+            reason = " ".join(str(error).split()) or type(error).__name__
+            problems.append(f"no picture of {name}: {reason}")
+    if problems:
+        raise ReportError("; ".join(problems), drawn)
+    return drawn
+
+
+def _loop(folder: Path) -> list[Path]:
+    figure = loop(open_source(folder))
+    return [save(figure, folder / f"loop.{kind}") for kind in ("png", "svg")]
+
+
+def _deformed(folder: Path) -> list[Path]:
+    if not (folder / DATA).exists():  # a run may write no fields
+        return []
+    stored = read_fields(folder)
+    if not len(stored.times):
+        return []
+    return [save(deformed(open_source(folder), stored), folder / "deformed.png")]
