@@ -1,0 +1,29 @@
+# Every target sets up what it needs through env/enter. Settings: case, ranks, e.g.
+#   make run case=configs/dogbone.yaml ranks=4
+
+case  = configs/bias-1x3.yaml
+ranks = 2
+enter = env/enter
+
+.PHONY: help run test lint clean clean-environment
+
+help: ## print the targets (the default)
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
+
+run: ## compute the bias-extension loop on 2 ranks into results/bias-1x3
+	$(enter) mpirun -n $(ranks) wovenfab run $(case) --overwrite
+
+test: lint ## style, types and all tests but the slow ones
+	$(enter) pytest -n 2 -m "not mpi and not slow"
+	$(enter) on-ranks 2 pytest -m "mpi and not slow"
+	$(enter) on-ranks 4 pytest -m "mpi4 and not slow"
+
+lint: ## style, format and types
+	$(enter) sh -c "ruff check . && ruff format --check . && python3 -m mypy"
+
+clean: ## remove what tools left in this folder; results stay
+	rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -name __pycache__ -prune -exec rm -rf {} +
+
+clean-environment: ## remove the environments and caches that env/enter made
+	$(enter) --remove

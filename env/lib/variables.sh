@@ -1,0 +1,34 @@
+# The variables of a command: few come from outside, so that a machine's own Python, MPI or
+# PETSc cannot get in the way.
+
+is_kept() {
+  case $1 in
+    HOME | PWD | USER | LOGNAME | TERM | COLORTERM | COLUMNS | LINES | TZ | CI) ;;
+    NO_COLOR | FORCE_COLOR | WOVENFAB_* | PETSC_OPTIONS | PYTEST_* | HYPOTHESIS_* | OPENBLAS_*) ;;
+    OMPI_MCA_* | PMIX_MCA_* | PRTE_MCA_*) ;;
+    PIP_INDEX_URL | PIP_TRUSTED_HOST | PIP_DEFAULT_TIMEOUT) ;;
+    http_proxy | https_proxy | no_proxy | HTTP_PROXY | HTTPS_PROXY | NO_PROXY) ;;
+    *) return 1 ;;
+  esac
+}
+
+forget_variables() {
+  local name
+  for name in $(compgen -e); do is_kept "$name" || unset "$name"; done
+}
+
+set_variables() {
+  export PATH=$project/env/bin:/usr/bin:/bin:/usr/sbin:/sbin
+  export PYTHONPATH=$project PYTHONNOUSERSITE=1 LANG=C.UTF-8
+  mkdir -p "$cache/cache"
+  export XDG_CACHE_HOME=$cache/cache # JIT and other caches, warm at the next start
+  export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower
+  # mpirun: as root in a container, more ranks than cores, several runs on the same cores.
+  export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
+  export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+  export PRTE_MCA_hwloc_default_binding_policy=none
+  # One machine's ranks talk through its memory, whatever its network; a cluster sets its own.
+  export OMPI_MCA_btl=${OMPI_MCA_btl:-self,sm}
+  export WOVENFAB_ENTER=native # a start within a start runs the command directly
+  unset WOVENFAB_MMDEBSTRAP WOVENFAB_MIRROR WOVENFAB_PACKAGES
+}

@@ -1,0 +1,132 @@
+"""The environment is made once, whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.environment.machine import Machine
+
+
+def wait_for(holds: Callable[[], bool]) -> None:
+    """Wait until something holds, at most 20 s."""
+    end = time.monotonic() + 20
+    while not holds():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def interrupt(machine: Machine, script: str) -> None:
+    """Start a creation and kill all of it once the builder has handed over the script's output."""
+    machine.builder(script + f"\ntouch '{machine.folder}/half'; exec sleep 60")
+    process = machine.start("--where")
+    wait_for((machine.folder / "half").exists)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
+
+
+def test_is_made_once_and_reused(machine: Machine) -> None:
+    first, second = machine.root(), machine.root()
+    assert first == second
+    assert machine.built == 1
+    assert (first / "tree" / "usr" / "bin" / "sh").is_file()
+
+
+def test_an_interrupted_creation_is_not_taken_for_a_finished_one(machine: Machine) -> None:
+    interrupt(machine, f"head -c 100000 '{machine.archive}'")
+    assert not list(machine.roots.glob("*/ready"))
+    machine.builder()
+    assert (machine.root() / "tree" / "usr" / "bin" / "env").is_file()
+    assert machine.built == 2
+
+
+def test_what_an_interruption_left_is_removed(machine: Machine) -> None:
+    interrupt(machine, 'touch "$TMPDIR/left"')
+    (partial,) = machine.roots.glob("*.partial")
+    scratch = Path((partial / "scratch").read_text().strip())
+    assert (scratch / "left").exists()
+    (partial / "tree" / "stale").touch()
+    machine.builder()
+    root = machine.root()
+    assert not (root / "tree" / "stale").exists()
+    assert not scratch.exists()
+    assert not partial.exists()
+
+
+@pytest.mark.parametrize("script", ["exit 1", "echo not a tar file; exit 0"])
+def test_a_failed_creation_says_so_and_leaves_nothing(machine: Machine, script: str) -> None:
+    machine.builder(script)
+    run = machine.enter("--where")
+    assert run.returncode == 125
+    assert "could not be made" in run.stderr
+    assert [p.suffix for p in machine.roots.iterdir()] == [".lock"]
+
+
+def test_two_at_once_make_it_once_and_the_second_says_that_it_waits(machine: Machine) -> None:
+    machine.builder(f"while [ ! -e '{machine.folder}/go' ]; do sleep 0.05; done")
+    first = machine.start("--where")
+    wait_for(lambda: machine.built == 1)
+    second = machine.start("--where")
+    assert second.stderr is not None
+    assert "waiting" in second.stderr.readline()
+    (machine.folder / "go").touch()
+    answers = [process.communicate(timeout=60)[0].strip() for process in (first, second)]
+    assert answers[0] == answers[1] == str(next(machine.roots.glob("*/ready")).parent)
+    assert machine.built == 1
+
+
+def test_another_package_list_is_another_environment(clone: Machine) -> None:
+    first = clone.root()
+    packages = clone.project / "env" / "packages.txt"
+    packages.write_text(packages.read_text() + "hello  # one more\n")
+    assert clone.root() != first
+    assert clone.built == 2
+
+
+def test_another_list_stands_beside_the_projects_own(machine: Machine) -> None:
+    own = machine.root()
+    (machine.folder / "viewer.txt").write_text("paraview  # looks at results\n")
+    run = machine.enter("--where", WOVENFAB_PACKAGES=str(machine.folder / "viewer.txt"))
+    assert Path(run.stdout.strip()) != own
+    assert (own / "ready").exists()
+    assert (Path(run.stdout.strip()) / "ready").read_text() == "paraview\n"
+
+
+def test_comments_and_order_do_not_make_another_environment(clone: Machine) -> None:
+    first = clone.root()
+    packages = clone.project / "env" / "packages.txt"
+    lines = [line.split("#")[0] for line in packages.read_text().splitlines()]
+    packages.write_text("# other words\n\n" + "\n".join(reversed(lines)) + "\n")
+    assert clone.root() == first
+
+
+def test_an_environment_of_an_old_list_goes_after_30_days_without_use(clone: Machine) -> None:
+    packages = clone.project / "env" / "packages.txt"
+    made = []
+    for name in ("first", "second", "third"):
+        packages.write_text(f"{name}\n")
+        made.append(clone.root())
+        days = {"first": 31, "second": 29, "third": 0}[name]
+        if name != "third":
+            stamp = time.time() - days * 86400
+            os.utime(made[-1] / "ready", (stamp, stamp))
+    assert [root.exists() for root in made] == [False, True, True]
+
+
+def test_says_what_to_install_where_it_cannot_work(machine: Machine) -> None:
+    commands = machine.folder / "commands"
+    commands.mkdir()
+    hidden = {"mmdebstrap", "bwrap", "proot", "apt-get", "dpkg-query"}
+    for file in Path("/usr/bin").iterdir():
+        if file.name not in hidden:
+            (commands / file.name).symlink_to(file)
+    run = machine.enter("true", PATH=str(commands))
+    assert run.returncode == 125
+    assert "apt-get install mmdebstrap" in run.stderr
+    assert "docker run" in run.stderr
+    assert machine.built == 0

@@ -1,0 +1,54 @@
+"""One list of packages serves the environment and the image."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.environment.machine import PROJECT
+
+LINES = (PROJECT / "env" / "packages.txt").read_text().splitlines()
+PACKAGES = [line.split("#")[0].strip() for line in LINES if line.split("#")[0].strip()]
+
+
+def test_every_package_has_its_reason() -> None:
+    for line in LINES:
+        if line and not line.startswith("#"):
+            assert re.fullmatch(r"[a-z0-9.+-]+ +# \S.*", line), line
+
+
+def test_the_image_installs_exactly_the_list(tmp_path: Path) -> None:
+    dockerfile = (PROJECT / "Dockerfile").read_text().replace("\\\n", "")
+    (copy,) = re.findall(r"^COPY env/packages\.txt (\S+)$", dockerfile, re.M)
+    (command,) = re.findall(r"^RUN (.*apt-get install.*)$", dockerfile, re.M)
+    (tmp_path / "apt-get").write_text(f'#!/bin/sh\nprintf "%s\\n" "$@" >>"{tmp_path}/asked"\n')
+    (tmp_path / "rm").write_text("#!/bin/sh\n")
+    for stub in ("apt-get", "rm"):
+        (tmp_path / stub).chmod(0o755)
+    subprocess.run(
+        ["sh", "-c", command.replace(copy, str(PROJECT / "env" / "packages.txt"))],
+        env={"PATH": f"{tmp_path}:/usr/bin:/bin"},
+        check=True,
+    )
+    asked = (tmp_path / "asked").read_text().split()
+    assert asked[:2] == ["update", "install"]
+    assert [word for word in asked[2:] if not word.startswith("-")] == PACKAGES
+
+
+def test_pip_is_asked_for_no_dependency() -> None:
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
+    assert "dependencies" not in project
+    assert "dependencies" not in project.get("dynamic", [])
+
+
+@pytest.mark.mpi
+@pytest.mark.mpi4
+def test_ranks_reach_each_other() -> None:
+    from mpi4py import MPI
+
+    world = MPI.COMM_WORLD
+    assert world.allreduce(world.rank) == world.size * (world.size - 1) // 2

@@ -1,0 +1,120 @@
+"""A command in the environment behaves as if it ran on the machine itself."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.environment.machine import Machine
+
+TRIES = {
+    "bwrap": ["bwrap", "--ro-bind", "/", "/", "--dev", "/dev", "--unshare-pid", "--proc", "/proc"],
+    "proot": ["proot", "-r", "/"],
+    "native": [],
+}
+
+
+@pytest.fixture(params=TRIES)
+def way(request: pytest.FixtureRequest) -> str:
+    """Each way in that works on this machine."""
+    attempt = subprocess.run([*TRIES[request.param], "/usr/bin/true"], capture_output=True)
+    if attempt.returncode != 0:
+        pytest.skip(f"{request.param} is refused here")
+    return str(request.param)
+
+
+@pytest.mark.parametrize("code", [0, 3, 200])
+def test_the_exit_code_is_the_commands(machine: Machine, way: str, code: int) -> None:
+    assert machine.enter("sh", "-c", f"exit {code}", WOVENFAB_ENTER=way).returncode == code
+
+
+def test_an_unknown_command_is_reported_as_by_a_shell(machine: Machine, way: str) -> None:
+    assert machine.enter("no-such-command", WOVENFAB_ENTER=way).returncode == 127
+
+
+def test_input_and_output_pass_through(machine: Machine, way: str) -> None:
+    run = machine.enter("sh", "-c", "cat; echo aside >&2", given="warp\nweft\n", WOVENFAB_ENTER=way)
+    assert run.stdout == "warp\nweft\n"
+    assert "aside\n" in run.stderr
+
+
+def test_arguments_arrive_unchanged(machine: Machine, way: str) -> None:
+    words = ["a b", "", "*", "$HOME", "--flag", "x=1"]
+    run = machine.enter("sh", "-c", 'printf "%s|" "$@"', "-", *words, WOVENFAB_ENTER=way)
+    assert run.stdout == "|".join(words) + "|"
+
+
+def test_paths_mean_the_same_inside(machine: Machine, way: str) -> None:
+    script = f"pwd; echo 1 >result; echo 2 >'{machine.folder}/absolute result'"
+    run = machine.enter("sh", "-c", script, WOVENFAB_ENTER=way)
+    assert Path(run.stdout.strip()) == machine.folder.resolve()
+    assert (machine.folder / "result").read_text() == "1\n"
+    assert (machine.folder / "absolute result").read_text() == "2\n"
+
+
+@pytest.mark.parametrize("signal", ["TERM", "HUP"])
+def test_a_signal_reaches_the_command(machine: Machine, way: str, signal: str) -> None:
+    script = f"trap 'echo saved; exit 11' {signal}; echo up; while true; do sleep 0.05; done"
+    process = machine.start("sh", "-c", script, WOVENFAB_ENTER=way)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    subprocess.run(["kill", "-s", signal, str(process.pid)], check=True)
+    out, _ = process.communicate(timeout=20)
+    assert (out, process.returncode) == ("saved\n", 11)
+
+
+def test_caches_are_found_again_at_the_next_start(machine: Machine, way: str) -> None:
+    machine.enter("sh", "-c", 'echo kernel >"$XDG_CACHE_HOME/jit"', WOVENFAB_ENTER=way)
+    run = machine.enter("sh", "-c", 'cat "$XDG_CACHE_HOME/jit"', WOVENFAB_ENTER=way)
+    assert run.stdout == "kernel\n"
+
+
+def test_runs_with_the_projects_settings(machine: Machine, way: str) -> None:
+    run = machine.enter(
+        "env", WOVENFAB_ENTER=way, OMP_NUM_THREADS="8", PETSC_OPTIONS="-snes_monitor"
+    )
+    inside = dict(line.split("=", 1) for line in run.stdout.splitlines() if "=" in line)
+    assert inside["OMP_NUM_THREADS"] == "1"
+    assert inside["PETSC_OPTIONS"] == "-snes_monitor"
+    assert inside["PATH"].startswith(f"{machine.project}/env/bin:/usr/bin:")
+    assert inside["PYTHONPATH"] == str(machine.project)
+
+
+@pytest.mark.parametrize("way", ["bwrap", "proot"], indirect=True)
+def test_the_machines_own_settings_stay_outside_a_root(machine: Machine, way: str) -> None:
+    foreign = {"PYTHONHOME": "/opt/python", "LD_PRELOAD": "", "OMPI_COMM_WORLD_RANK": "3"}
+    run = machine.enter("env", WOVENFAB_ENTER=way, **foreign)
+    assert run.returncode == 0
+    assert not any(name in run.stdout for name in foreign)
+
+
+@pytest.mark.parametrize("way", ["bwrap"], indirect=True)
+def test_a_bwrap_root_is_read_only(machine: Machine, way: str) -> None:
+    for place in ("/lost", "/usr/lost", "/var/lost"):
+        run = machine.enter("touch", place, WOVENFAB_ENTER=way)
+        assert run.returncode == 1
+        assert "Read-only" in run.stderr
+
+
+def test_nothing_stays_mounted(machine: Machine, way: str) -> None:
+    before = Path("/proc/self/mounts").read_text()
+    assert machine.enter("true", WOVENFAB_ENTER=way).returncode == 0
+    assert Path("/proc/self/mounts").read_text() == before
+
+
+@pytest.mark.parametrize("way", ["bwrap", "proot"], indirect=True)
+def test_a_running_command_keeps_its_root(machine: Machine, way: str) -> None:
+    process = machine.start("sh", "-c", "echo up; cat", WOVENFAB_ENTER=way)
+    assert process.stdout is not None
+    process.stdout.readline()
+    assert "a command runs in it" in machine.enter("--remove").stderr
+    process.communicate("", timeout=20)
+    assert process.returncode == 0
+
+
+def test_an_unknown_way_in_is_refused(machine: Machine) -> None:
+    run = machine.enter("true", WOVENFAB_ENTER="docker")
+    assert run.returncode == 125
+    assert "native, bwrap or proot" in run.stderr
