@@ -5,7 +5,7 @@ case  = configs/bias-1x3.yaml
 ranks = 2
 enter = env/enter
 
-.PHONY: help run test lint clean clean-environment
+.PHONY: help run test lint bench paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -20,6 +20,12 @@ test: lint ## style, types and all tests but the slow ones
 
 lint: ## style, format and types
 	$(enter) sh -c "ruff check . && ruff format --check . && python3 -m mypy"
+
+bench: ## measure speed, as phases and ratios in one run
+	$(enter) python3 -m wovenfab.bench
+
+paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)
+	tests/paraview/run.sh $(results)
 
 clean: ## remove what tools left in this folder; results stay
 	rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

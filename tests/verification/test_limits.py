@@ -75,7 +75,7 @@ def test_an_effect_of_zero_strength_is_an_effect_left_out(
 
 
 def test_viscous_slip_is_slip_friction_at_low_rates() -> None:
-    """c = zeta eta; eta w is about 0.01 here, and the laws differ by its square."""
+    """With c = zeta eta; eta w is about 0.01 here, and the laws differ by its square."""
     sheet = scenes.sheet()
     strength, slope = 199.2e3, 70.0
     friction = scenes.model(sheet, (*scenes.COUPLED, "slip_friction"), Numerics(2, history=2))
