@@ -59,5 +59,5 @@ EFFECT = Effect(
     energy=energy,
     facet_energy=facet_energy,
     edge_energy=edge_energy,
-    resists=frozenset({"bending"}),
+    resists=frozenset({"curving"}),
 )

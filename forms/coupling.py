@@ -21,5 +21,5 @@ EFFECT = Effect(
     parameters=(Parameter("stiffness", "N/m^3", "coupling stiffness K_c"),),
     needs=Needs(placements=2),
     energy=energy,
-    resists=frozenset({"slip"}),
+    resists=frozenset({"slipping"}),
 )

@@ -86,8 +86,9 @@ class Effect:
         measure: What the rate is the time derivative of, from a point.
         facet_energy: Stored energy per length (J/m) of an interior facet.
         edge_energy: The same on an edge where the yarn directions are held.
-        resists: What the effect keeps from moving freely: of ``"stretch"``,
-            ``"shear"``, ``"slip"``; used to refuse scenes that are not well posed.
+        resists: What the effect keeps from moving freely, of ``"stretching"``,
+            ``"shearing"``, ``"curving"`` and ``"slipping"``; scenes that leave too much
+            free are refused.
     """
 
     name: str

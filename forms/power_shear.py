@@ -31,5 +31,5 @@ EFFECT = Effect(
         Parameter("power", "1", "exponent n of |gamma|", zero_allowed=False),
     ),
     energy=energy,
-    resists=frozenset({"shear"}),
+    resists=frozenset({"shearing"}),
 )

@@ -18,5 +18,5 @@ EFFECT = Effect(
     summary="Shear with a barrier against overlapping yarns, paper eqs. (2) and (4)",
     parameters=(Parameter("stiffness", "N/m", "shear stiffness K_s"),),
     energy=energy,
-    resists=frozenset({"shear"}),
+    resists=frozenset({"shearing"}),
 )

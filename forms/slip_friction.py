@@ -35,5 +35,5 @@ EFFECT = Effect(
     needs=Needs(placements=2, rate=True),
     dissipation=dissipation,
     measure=slip,
-    resists=frozenset({"slip"}),
+    resists=frozenset({"slipping"}),
 )

@@ -18,5 +18,5 @@ EFFECT = Effect(
         Parameter("stiffness", "N/m", "extensional stiffness K_e of a family", per_family=True),
     ),
     strains=strains,
-    resists=frozenset({"stretch"}),
+    resists=frozenset({"stretching"}),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -35,6 +36,8 @@ PULL = (Grip("left", CLAMP), Grip("right", (Held(1.0), Held())))
 BIAS = (pi / 4, -pi / 4)
 #: Discretisation of the prototype; tests that need nothing else share its kernels.
 PROTOTYPE = Numerics(2, quadrature=4, penalty=10.0)
+#: The same with the memory of the schemes of second order.
+PROTOTYPE_TWO_STEPS = replace(PROTOTYPE, history=2)
 
 
 def sheet(

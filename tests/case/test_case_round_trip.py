@@ -44,9 +44,11 @@ def test_the_example_is_read_in_si(example: str, write_case: WriteCase) -> None:
         "coupling": {"stiffness": 6e7},
         "slip_friction": {"strength": 199200.0, "slope": 70.0},
     }
-    assert case.boundary["left"].components == (Component(), Component())
-    assert case.boundary["right"].components == (Component(factor=1.0), Component())
-    assert not case.boundary["right"].rotation
+    ((left,), (right,)) = case.boundary["left"], case.boundary["right"]
+    assert left.components == (Component(), Component())
+    assert right.components == (Component(factor=1.0), Component())
+    assert not right.rotation
+    assert right.families == (1, 2)
     (cycles,) = case.program
     assert isinstance(cycles, Cycles)
     assert cycles.amplitudes == (0.02, 0.04, 0.06)
@@ -81,8 +83,9 @@ def test_all_ways_to_clamp_mean_the_same(
     text: str, rotation: bool, example: str, write_case: WriteCase
 ) -> None:
     case = read_case(write_case(example.replace("left: clamp", f"left: {text}")))
-    assert case.boundary["left"].components == (Component(), Component())
-    assert case.boundary["left"].rotation is rotation
+    (left,) = case.boundary["left"]
+    assert left.components == (Component(), Component())
+    assert left.rotation is rotation
 
 
 def test_components_are_held_moved_shifted_or_free(example: str, write_case: WriteCase) -> None:
@@ -91,9 +94,9 @@ def test_components_are_held_moved_shifted_or_free(example: str, write_case: Wri
         "right: {displacement: [program, 0]}", "right: {displacement: [5 mm, free]}"
     )
     case = read_case(write_case(text))
-    assert case.boundary["left"].components == (Component(factor=-1.0), Component())
-    right = case.boundary["right"].components
-    assert right == (Component(offset=0.005), Component(held=False))
+    ((left,), (right,)) = case.boundary["left"], case.boundary["right"]
+    assert left.components == (Component(factor=-1.0), Component())
+    assert right.components == (Component(offset=0.005), Component(held=False))
 
 
 def test_a_table_is_read_from_beside_the_case(example: str, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import chain, combinations
 from math import pi
 from pathlib import Path
 
@@ -11,41 +10,48 @@ import pytest
 
 from forms import catalogue
 from forms.effect import Effect, Needs, Parameter
-from wovenfab.case import CaseError, EdgeCondition, read_case
+from wovenfab.case import CaseError, EdgeCondition, SceneEffect, read_case
 from wovenfab.case.mobility import free_motion
-from wovenfab.case.needs import Values, lacking, needs_of
-
-SIX = ("bending", "coupling", "shear", "slip_friction", "spin_friction", "stretch")
-ONE: dict[str, Values] = {name: {"stiffness": 1.0} for name in SIX}
-SCENES = [*chain.from_iterable(combinations(SIX, n) for n in range(7))]
+from wovenfab.case.needs import acting, lacking, needs_of_scene
+from wovenfab.case.scene import Scene, Values
 
 HELD = EdgeCondition.model_validate("clamp")
 X_HELD = EdgeCondition.model_validate({"displacement": [0, "free"]})
 Y_HELD = EdgeCondition.model_validate({"displacement": ["free", 0]})
-DIRECTIONS_HELD = EdgeCondition.model_validate(
-    {"displacement": ["free", "free"], "rotation": "held"}
-)
+DIRECTIONS_HELD = EdgeCondition.model_validate({"rotation": "held"})
+DIRECTION_1_HELD = EdgeCondition.model_validate({"rotation": "held", "family": 1})
+DIRECTION_2_HELD = EdgeCondition.model_validate({"rotation": "held", "family": 2})
+LOADED = EdgeCondition.model_validate({"force": [1, 1]})
 BIAS, ALONG = (pi / 4, -pi / 4), (0.0, pi / 2)
 TURN, SHEAR = "turn as a whole", "turn as a whole or shear uniformly"
 
 
-@pytest.mark.parametrize("scene", SCENES, ids="+".join)
-def test_a_sheet_resists_stretch_and_shear(scene: tuple[str, ...]) -> None:
-    sound = "stretch" in scene and ("shear" in scene or "bending" in scene)
-    assert (lacking({name: ONE[name] for name in scene}) is None) == sound
+def scene_of(*names: str, **values: Values) -> Scene:
+    """Return a scene in which all values are one unless given."""
+    return tuple(
+        SceneEffect(effect, values.get(name, {p.name: 1.0 for p in effect.parameters}))
+        for name, effect in catalogue.effects().items()
+        if name in (*names, *values)
+    )
+
+
+def lack(scene: Scene) -> str | None:
+    """Return what a scene does not resist."""
+    found = lacking(scene, acting(scene))
+    return found[0] if found else None
 
 
 def test_an_effect_with_a_zero_resists_nothing() -> None:
-    scene = {**ONE, "stretch": {"stiffness": (1.0, 0.0)}}
-    assert lacking(scene) == ("stretch", "nothing resists stretching of the yarns")
-    free = {name: ONE[name] for name in ("stretch", "shear")} | {"coupling": {"stiffness": 0.0}}
-    assert lacking(free) is not None
+    assert lack(scene_of("stretch", "shear", "bending", "coupling")) is None
+    assert lack(scene_of("shear", stretch={"stiffness": (1.0, 0.0)})) == "stretching"
+    assert lack(scene_of("stretch", shear={"stiffness": 0.0})) == "shearing"
+    assert lack(scene_of("stretch", "shear", coupling={"stiffness": 0.0})) == "slipping"
 
 
 def test_needs_are_those_of_all_effects_together() -> None:
-    assert needs_of(()) == Needs(placements=1, second_gradient=False, rate=False)
-    assert needs_of(("stretch", "bending")) == Needs(1, second_gradient=True)
-    assert needs_of(("bending", "coupling", "spin_friction")) == Needs(2, True, True)
+    assert needs_of_scene(()) == Needs(placements=1, second_gradient=False, rate=False)
+    assert needs_of_scene(scene_of("stretch", "bending")) == Needs(1, second_gradient=True)
+    assert needs_of_scene(scene_of("bending", "coupling", "spin_friction")) == Needs(2, True, True)
 
 
 @pytest.mark.parametrize(
@@ -64,6 +70,12 @@ def test_needs_are_those_of_all_effects_together() -> None:
         (ALONG, False, {"left": HELD, "bottom": Y_HELD}, None),
         (ALONG, False, {"left": HELD, "top": DIRECTIONS_HELD}, None),
         (BIAS, False, {"left": X_HELD, "bottom": Y_HELD}, SHEAR),
+        # With the left edge clamped, which lies along family 2, only family 1 can turn.
+        (ALONG, False, {"left": HELD, "top": DIRECTION_1_HELD}, None),
+        (ALONG, False, {"left": HELD, "top": DIRECTION_2_HELD}, SHEAR),
+        # A force holds nothing.
+        (BIAS, True, {"left": LOADED}, "move along x"),
+        (BIAS, True, {"left": X_HELD, "bottom": Y_HELD, "top": LOADED}, None),
     ],
 )
 def test_motions_that_cost_nothing_are_found(
@@ -72,13 +84,22 @@ def test_motions_that_cost_nothing_are_found(
     boundary: dict[str, EdgeCondition],
     motion: str | None,
 ) -> None:
-    assert free_motion((0.9, 0.3), fibres, boundary, shear_resisted) == motion
+    edges = {name: (condition,) for name, condition in boundary.items()}
+    assert free_motion((0.9, 0.3), fibres, edges, shear_resisted) == motion
+
+
+def test_what_holds_one_of_two_tied_families_holds_both() -> None:
+    x_of_1 = EdgeCondition.model_validate({"displacement": [0, "free"], "family": 1})
+    y_of_2 = EdgeCondition.model_validate({"displacement": ["free", 0], "family": 2})
+    assert free_motion((0.9, 0.3), BIAS, {"left": (x_of_1,)}, True) == "move along y"
+    edges = {"left": (x_of_1, y_of_2), "right": (y_of_2,)}
+    assert free_motion((0.9, 0.3), BIAS, edges, True) is None
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
 def test_motions_do_not_depend_on_the_size_of_the_sheet(scale: float) -> None:
-    assert free_motion((3 * scale, scale), BIAS, {"left": HELD}, False) is None
-    assert free_motion((3 * scale, scale), ALONG, {"left": HELD}, False) == SHEAR
+    assert free_motion((3 * scale, scale), BIAS, {"left": (HELD,)}, False) is None
+    assert free_motion((3 * scale, scale), ALONG, {"left": (HELD,)}, False) == SHEAR
 
 
 def test_bending_alone_needs_edges_that_hold_both_families(
@@ -102,7 +123,7 @@ def test_a_new_effect_is_a_key_without_another_edit(
         needs=Needs(placements=2, rate=True),
         dissipation=lambda rate, values: rate,
         measure=lambda point: point,
-        resists=frozenset({"slip"}),
+        resists=frozenset({"slipping"}),
     )
     known = {**catalogue.effects(), "drag": drag}
     monkeypatch.setattr(catalogue, "effects", lambda: known)

@@ -1,30 +1,40 @@
 """From a case file to a frozen, validated case in SI units."""
 
-from .boundary import Component, EdgeCondition
+from .boundary import Boundary, EdgeCondition, conditions_of
+from .component import Component
+from .expression import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
 from .files import Samples
 from .problems import CaseError, Problem
 from .program import Cycles, Hold, Ramp, Segment, Table
 from .read import dump_case, json_schema, problem_at, read_case
+from .scene import SceneEffect, Value
 from .schema import Case, Discretisation, Output, Rectangle, SheetFile, Solver, Time
 
 __all__ = [
+    "NUMPY_FUNCTIONS",
+    "REQUIRED_FUNCTIONS",
+    "Boundary",
     "Case",
     "CaseError",
     "Component",
     "Cycles",
     "Discretisation",
     "EdgeCondition",
+    "Expression",
     "Hold",
     "Output",
     "Problem",
     "Ramp",
     "Rectangle",
     "Samples",
+    "SceneEffect",
     "Segment",
     "SheetFile",
     "Solver",
     "Table",
     "Time",
+    "Value",
+    "conditions_of",
     "dump_case",
     "json_schema",
     "problem_at",

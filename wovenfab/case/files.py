@@ -31,17 +31,16 @@ class Samples:
     displacements: tuple[float, ...]
 
 
-def existing_file(value: Any, info: ValidationInfo, suffixes: tuple[str, ...]) -> Path:
+def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
     """Return the absolute path of a file that a case names.
 
     Args:
         value: The text in the case.
-        info: Its context gives the ``folder`` of the case.
+        folder: Where the case lies.
         suffixes: Allowed ends of the name.
     """
     if not isinstance(value, str) or not value:
         raise wrong(f"expected the name of a file, got {describe(value)}")
-    folder: Path = (info.context or {})["folder"]
     if Path(value).suffix not in suffixes:
         raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
     with suppress(OSError, ValueError):  # such as a name that is too long
@@ -51,9 +50,15 @@ def existing_file(value: Any, info: ValidationInfo, suffixes: tuple[str, ...]) -
     raise wrong(f"there is no file {describe(value)}", "Names are relative to the case file.")
 
 
+def folder_of(info: ValidationInfo) -> Path:
+    """Return where the case lies that is being read."""
+    folder: Path = (info.context or {})["folder"]
+    return folder
+
+
 def read_samples(value: Any, info: ValidationInfo) -> Samples:
     """Return the contents of a CSV file with the columns time_s and displacement_m."""
-    path = existing_file(value, info, (".csv",))
+    path = existing_file(value, folder_of(info), (".csv",))
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             table = csv.DictReader(stream)

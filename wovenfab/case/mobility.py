@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import numpy.typing as npt
 
-from .boundary import EdgeCondition
+from .boundary import Boundary, conditions_of
 
 Array = npt.NDArray[np.float64]
 
@@ -23,7 +21,7 @@ EDGES = {
 def free_motion(
     sides: tuple[float, float],
     fibres: tuple[float, float],
-    boundary: Mapping[str, EdgeCondition],
+    boundary: Boundary,
     shear_resisted: bool,
 ) -> str | None:
     """Return in words how the sheet can move at no cost, or None if it cannot.
@@ -31,22 +29,23 @@ def free_motion(
     Args:
         sides: Length and width, m.
         fibres: Angles of the families, rad.
-        boundary: Conditions on the edges of the rectangle.
+        boundary: Conditions on the edges of the rectangle. Two placements are tied, so
+            that what holds one of them holds both.
         shear_resisted: Whether an effect resists shear. If not, the fibres may also
             turn independently of each other, each family as one.
     """
-    names, gradients = zip(*_gradients(fibres, shear_resisted), strict=True)
+    directions = np.array([[np.cos(a), np.sin(a)] for a in fibres])
+    names, gradients = zip(*_gradients(directions, shear_resisted), strict=True)
     size = max(sides)
     rows: list[Array] = []
-    for edge, condition in boundary.items():
+    for edge, _, condition in conditions_of(boundary):
         for corner in EDGES[edge]:
             point = np.array(corner) * np.array(sides) / size
             moved = np.column_stack([np.eye(2), *(g @ point for g in gradients)])
             rows += [moved[i] for i in (0, 1) if condition.components[i].held]
-        if condition.rotation:
-            turns = np.zeros((len(gradients), 2 + len(gradients)))
-            turns[:, 2:] = np.eye(len(gradients))
-            rows += list(turns)
+        for d in directions[[f - 1 for f in condition.families]] if condition.rotation else ():
+            across = np.array([-d[1], d[0]])
+            rows.append(np.array([0.0, 0.0, *(across @ g @ d for g in gradients)]))
     constraints = np.array(rows).reshape(-1, 2 + len(gradients))
     free = [
         name
@@ -59,9 +58,8 @@ def free_motion(
     return None if rank == constraints.shape[1] else names[0]
 
 
-def _gradients(fibres: tuple[float, float], shear_resisted: bool) -> list[tuple[str, Array]]:
+def _gradients(directions: Array, shear_resisted: bool) -> list[tuple[str, Array]]:
     """Return the displacement gradients that keep the fibres straight and their length."""
-    directions = np.array([[np.cos(a), np.sin(a)] for a in fibres])
     inverse = np.linalg.inv(directions)
     turns = [inverse @ np.array(m, float) @ inverse.T for m in ([[0, 1], [0, 0]], [[0, 0], [1, 0]])]
     if shear_resisted:

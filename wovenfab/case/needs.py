@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable
 
 from forms import catalogue
-from forms.effect import Needs
+from forms.effect import Effect, Needs
 
-#: Parameter values in SI by name; a pair where they are given for each family.
-Values = Mapping[str, float | tuple[float, float]]
+from .expression import Expression
+from .scene import Scene, SceneEffect
 
 
-def needs_of(effects: Iterable[str]) -> Needs:
-    """Return what all the named effects need together."""
-    needs = [catalogue.effects()[name].needs for name in effects]
+def needs_of(effects: Iterable[Effect]) -> Needs:
+    """Return what some effects need together."""
+    needs = [effect.needs for effect in effects]
     return Needs(
         placements=max((n.placements for n in needs), default=1),
         second_gradient=any(n.second_gradient for n in needs),
@@ -21,39 +21,60 @@ def needs_of(effects: Iterable[str]) -> Needs:
     )
 
 
-def resisted(effects: Mapping[str, Values]) -> frozenset[str]:
-    """Return what the effects keep from moving freely; one with a zero does not count."""
-    acting = [name for name, values in effects.items() if all(map(_positive, values.values()))]
-    return frozenset().union(*(catalogue.effects()[name].resists for name in acting))
+def needs_of_scene(scene: Scene) -> Needs:
+    """Return what the effects of a scene need together."""
+    return needs_of(e.effect for e in scene)
 
 
-def lacking(effects: Mapping[str, Values]) -> tuple[str, str] | None:
+def acting(scene: Scene) -> list[SceneEffect]:
+    """Return the effects without a zero among their values; formulas are taken as positive."""
+    return [e for e in scene if all(map(_positive, e.values.values()))]
+
+
+def resisted(effects: Iterable[SceneEffect]) -> frozenset[str]:
+    """Return what some effects keep from moving freely."""
+    return frozenset().union(*(e.effect.resists for e in effects))
+
+
+def lacking(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | None:
     """Return what no effect resists and that in a sentence, or None for a sound sheet.
 
     Bending does in place of shear: among fibres that keep their length, the only
     displacements without curvature are a_1 + a_2 y along x and b_1 + b_2 x along y
     (x, y along the fibres), that is, rigid motions and one uniform shear, which the
     held edges must exclude; ``mobility.free_motion`` tells whether they do.
+
+    Args:
+        scene: All effects, which decide what is built.
+        act: Those that act, which decide what is resisted.
     """
-    resists = resisted(effects)
-    if "stretch" not in resists:
-        return "stretch", "nothing resists stretching of the yarns"
-    if not resists & {"shear", "bending"}:
-        return "shear", "nothing resists shear between the families"
-    if needs_of(effects).placements == 2 and "slip" not in resists:
-        return "slip", "nothing ties the two families together where they are not held"
+    resists = resisted(act)
+    if "stretching" not in resists:
+        return "stretching", "nothing resists stretching of the yarns"
+    if not resists & {"shearing", "curving"}:
+        return "shearing", "nothing resists shear between the families"
+    if needs_of_scene(scene).placements == 2 and "slipping" not in resists:
+        return "slipping", "nothing ties the two families together where they are not held"
     return None
 
 
-def providers(resistance: str) -> list[str]:
-    """Return the names of all effects that resist something."""
-    return [name for name, effect in catalogue.effects().items() if resistance in effect.resists]
+def providers(resistance: str, scene: Scene = ()) -> list[str]:
+    """Return the names of all effects that resist something, those of a scene included."""
+    known = {**catalogue.effects(), **{e.name: e.effect for e in scene}}
+    return [name for name, effect in known.items() if resistance in effect.resists]
 
 
 def with_second_gradient() -> list[str]:
-    """Return the names of all effects that depend on second derivatives."""
+    """Return the names of all effects of forms/ that depend on second derivatives."""
     return [name for name, e in catalogue.effects().items() if e.needs.second_gradient]
 
 
-def _positive(value: float | tuple[float, float]) -> bool:
-    return min(value) > 0 if isinstance(value, tuple) else value > 0
+def with_two_placements() -> list[str]:
+    """Return the names of all effects of forms/ that need a placement for each family."""
+    return [name for name, e in catalogue.effects().items() if e.needs.placements == 2]
+
+
+def _positive(value: float | Expression | tuple[float | Expression, ...]) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_positive, value))
+    return isinstance(value, Expression) or value > 0

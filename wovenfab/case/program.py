@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
@@ -92,6 +93,20 @@ class Table(Section):
 
 
 Segment = Annotated[Cycles | Ramp | Hold | Table, Field(discriminator="type")]
+
+
+def reached(program: Iterable[Segment]) -> list[float]:
+    """Return displacements (m) that a program reaches, its turning points among them."""
+    found = [0.0]
+    for segment in program:
+        match segment:
+            case Cycles(amplitudes=amplitudes):
+                found += [found[-1] + amplitude for amplitude in amplitudes] + [found[-1]]
+            case Ramp(to=end):
+                found.append(end)
+            case Table(samples=samples):
+                found += samples.displacements
+    return found
 
 
 def _without_brackets(segments: list[Any]) -> Any:

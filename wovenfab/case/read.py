@@ -13,8 +13,12 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic.json_schema import GenerateJsonSchema
 from ruamel.yaml import YAML
 
+from forms.effect import Effect
+
 from .document import Document, read_document
+from .effects import own_schemas
 from .overrides import override
+from .own_effects import OwnEffect, own_effects
 from .problems import CaseError, Problem
 from .rules import findings
 from .schema import Case, Rectangle, possible_fields
@@ -35,11 +39,13 @@ def read_case(path: Path, overrides: Sequence[str] = ()) -> Case:
         CaseError: With everything that was found wrong.
     """
     document = _document(path, overrides)
-    context = {"folder": path.parent, "name": path.stem}
+    own = own_effects(document.data, path.parent)
+    context = {"folder": path.parent, "name": path.stem, "own": own}
     try:
         case = Case.model_validate(document.data, context=context)
     except ValidationError as error:
-        found = list(problems_in(error, document, json_schema()))
+        effects = [e.effect for e in own.values() if isinstance(e, OwnEffect)]
+        found = list(problems_in(error, document, json_schema(effects)))
         found += _combinations(_valid_sections(document.data, context), document)
         raise CaseError(sorted(found, key=lambda p: p.line or 0)) from error
     if found := list(_combinations({k: getattr(case, k) for k in Case.model_fields}, document)):
@@ -63,9 +69,14 @@ def problem_at(
     return _document(path, overrides).problem(parts, message, remedy)
 
 
-def json_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a case file, for editors and for ``wovenfab schema``."""
+def json_schema(own: Sequence[Effect] = ()) -> dict[str, Any]:
+    """Return the JSON Schema of a case file, for editors and for ``wovenfab schema``.
+
+    Args:
+        own: The user's own effects, to be described beside those of forms/.
+    """
     schema = Case.model_json_schema(schema_generator=_InOrder)
+    schema["$defs"]["Effects"]["properties"] |= own_schemas(own)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
 
 
@@ -100,14 +111,15 @@ def _combinations(sections: dict[str, Any], document: Document) -> Iterator[Prob
 def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
     """Return the sections that are valid by themselves."""
     sections = {}
-    for key, field in Case.model_fields.items() if isinstance(data, dict) else ():
+    for name, field in Case.model_fields.items() if isinstance(data, dict) else ():
+        key = field.alias or name
         if key not in data:
             if not field.is_required():
-                sections[key] = field.default
+                sections[name] = field.default
             continue
         kind: Any = Annotated[field.annotation, field]
         with suppress(ValidationError):
-            sections[key] = TypeAdapter(kind).validate_python(data[key], context=context)
+            sections[name] = TypeAdapter(kind).validate_python(data[key], context=context)
     return sections
 
 

@@ -11,19 +11,19 @@ from collections.abc import Callable, Iterator, Mapping
 from itertools import combinations
 from typing import Any
 
+import numpy as np
+
 from . import needs
-from .boundary import EdgeCondition
+from .boundary import BOTH, Boundary, EdgeCondition, conditions_of
 from .mobility import EDGES, free_motion
-from .needs import Values
-from .problems import Path, near_miss, one_of
-from .program import Hold, Ramp, Segment, Table
+from .problems import near_miss, one_of
+from .program import Hold, Ramp, Segment, Table, reached
+from .sampling import Finding, samples_of, unfit_conditions, unfit_values, unsound_places
+from .scene import Scene
 from .schema import Discretisation, Output, Rectangle, SheetFile, possible_fields
 
-#: Where, what and the remedy.
-Finding = tuple[Path, str, str]
 Rule = Callable[..., Iterator[Finding]]
 
-Boundary = Mapping[str, EdgeCondition]
 Program = tuple[Segment, ...]
 
 _RULES: list[Rule] = []
@@ -47,10 +47,10 @@ def _rule(function: Rule) -> Rule:
 
 
 @_rule
-def _sound(effects: Mapping[str, Values]) -> Iterator[Finding]:
-    if lack := needs.lacking(effects):
+def _sound(scene: Scene) -> Iterator[Finding]:
+    if lack := needs.lacking(scene, needs.acting(scene)):
         resistance, reason = lack
-        resisting = one_of(needs.providers(resistance))
+        resisting = one_of(needs.providers(resistance, scene))
         yield ("effects",), reason, f"That takes {resisting}, with values above zero."
 
 
@@ -64,15 +64,14 @@ def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[F
 
 
 @_rule
-def _held(
-    sheet: Rectangle | SheetFile, effects: Mapping[str, Values], boundary: Boundary
-) -> Iterator[Finding]:
+def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
         known = {name: boundary[name] for name in boundary if name in EDGES}
-        sheared = "shear" in needs.resisted(effects)
+        sheared = "shearing" in needs.resisted(needs.acting(scene))
         motion = free_motion((sheet.length, sheet.width), sheet.fibres, known, sheared)
     else:
-        held = [any(e.components[i].held for e in boundary.values()) for i in (0, 1)]
+        components = [c.components for _, _, c in conditions_of(boundary)]
+        held = [any(c[i].held for c in components) for i in (0, 1)]
         motion = None if all(held) else f"move along {'y' if held[0] else 'x'}"
     if motion:
         yield (
@@ -86,41 +85,87 @@ def _held(
 def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
     if not isinstance(sheet, Rectangle):
         return
-    for one, other in combinations((name for name in boundary if name in EDGES), 2):
-        pairs = zip(boundary[one].components, boundary[other].components, strict=True)
-        apart = [
-            axis for axis, (a, b) in zip("xy", pairs, strict=True) if a.held and b.held and a != b
-        ]
-        if apart and set(EDGES[one]) & set(EDGES[other]):
-            reason = f"moves away along {apart[0]} from '{one}', which it meets in a corner"
-            yield ("boundary", other), reason, "Free one of them, or move both alike."
+    known = {name: boundary[name] for name in boundary if name in EDGES}
+    size = max(sheet.length, sheet.width)
+    for (one, _, a), (other, i, b) in combinations(conditions_of(known), 2):
+        corners = set(EDGES[one]) & set(EDGES[other]) if one != other else ()
+        for x, y in corners if set(a.families) & set(b.families) else ():
+            if axis := _apart(a, b, x * sheet.length, y * sheet.width, size):
+                reason = f"moves away along {axis} from '{one}', which it meets in a corner"
+                yield ("boundary", other, i), reason, "Free one of them, or move both alike."
+
+
+def _apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) -> str:
+    """Return the axis along which two conditions differ at a point, if there is one."""
+    programs = size * np.array([0.0, 0.01, 0.1, 0.3])
+    for axis, c, d in zip("xy", a.components, b.components, strict=True):
+        if c.held and d.held:
+            gap = np.abs(c.at(x, y, programs) - d.at(x, y, programs))
+            if not np.all(gap <= 1e-9 * size):
+                return axis
+    return ""
+
+
+@_rule
+def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        x, y = samples_of(sheet.length, sheet.width)
+        yield from unfit_values(scene, x, y)
+        yield from unsound_places(scene, x, y)
+
+
+@_rule
+def _edges_everywhere(
+    sheet: Rectangle | SheetFile, boundary: Boundary, program: Program
+) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        for edge, ends in EDGES.items():
+            if edge in boundary:
+                x, y = np.linspace(*ends, 50).T * [[sheet.length], [sheet.width]]
+                yield from unfit_conditions(edge, boundary[edge], x, y, reached(program))
+
+
+@_rule
+def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    if needs.needs_of_scene(scene).placements == 2:
+        return
+    for name, i, condition in conditions_of(boundary):
+        placed = condition.force or any(c.held for c in condition.components)
+        if placed and condition.families != BOTH:
+            apart = one_of(needs.with_two_placements())
+            yield (
+                ("boundary", name, i, "family"),
+                "both families have the same placement here, so that neither is held or loaded "
+                "alone",
+                f"Leave 'family' out, or add {apart} to the effects.",
+            )
 
 
 @_rule
 def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
+    conditions = [c for _, _, c in conditions_of(boundary)]
     moves = any(not isinstance(segment, Hold) for segment in program)
-    if moves and not any(edge.moves for edge in boundary.values()):
-        yield (
-            ("program",),
-            "no edge uses the program",
-            "For example 'right: {displacement: [program, 0]}' in boundary.",
-        )
+    if moves and not any(c.moves for c in conditions):
+        remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
+        if any(c.force for c in conditions):
+            remedy = "A dead load alone takes a hold: {type: hold, duration: 1 s, steps: 1}."
+        yield ("program",), "no edge uses the program", remedy
 
 
 @_rule
-def _held_directions(effects: Mapping[str, Values], boundary: Boundary) -> Iterator[Finding]:
-    for name, edge in boundary.items():
-        if edge.rotation and not needs.needs_of(effects).second_gradient:
+def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    for name, i, condition in conditions_of(boundary):
+        if condition.rotation and not needs.needs_of_scene(scene).second_gradient:
             yield (
-                ("boundary", name),
+                ("boundary", name, i),
                 "yarn directions cannot be held, because no effect depends on their change",
                 f"Hold the placement only, or add {one_of(needs.with_second_gradient())}.",
             )
 
 
 @_rule
-def _degree(effects: Mapping[str, Values], discretisation: Discretisation) -> Iterator[Finding]:
-    if discretisation.degree < 2 and needs.needs_of(effects).second_gradient:
+def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
+    if discretisation.degree < 2 and needs.needs_of_scene(scene).second_gradient:
         yield (
             ("discretisation", "degree"),
             "must be at least 2, because an effect depends on second derivatives",
@@ -129,10 +174,10 @@ def _degree(effects: Mapping[str, Values], discretisation: Discretisation) -> It
 
 
 @_rule
-def _speed_of_ramps(effects: Mapping[str, Values], program: Program) -> Iterator[Finding]:
+def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
     for i, segment in enumerate(program):
         timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
-        if timeless and needs.needs_of(effects).rate:
+        if timeless and needs.needs_of_scene(scene).rate:
             yield (
                 ("program", i),
                 "a velocity or a duration is needed, because an effect depends on rates",
@@ -161,9 +206,9 @@ def _joints(program: Program) -> Iterator[Finding]:
 
 
 @_rule
-def _fields(effects: Mapping[str, Values], output: Output) -> Iterator[Finding]:
+def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
     if "fields" in output.model_fields_set:
-        possible = possible_fields(needs.needs_of(effects))
+        possible = possible_fields(needs.needs_of_scene(scene))
         for i, field in enumerate(output.fields):
             if field not in possible:
                 yield (("output", "fields", i), f"the effects of this case have no {field}", "")

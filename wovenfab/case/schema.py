@@ -20,12 +20,13 @@ from pydantic import (
 
 from forms.effect import Needs
 
-from .boundary import EdgeCondition
-from .effects import EffectsOfCatalogue
-from .files import existing_file
-from .needs import Values, needs_of
+from .boundary import EdgeConditions
+from .effects import EffectsSection
+from .files import existing_file, folder_of
+from .needs import needs_of_scene
 from .problems import describe, wrong
 from .program import Segments
+from .scene import Scene, Values
 from .values import Angle, AtLeastOne, Count, Quantity, Section, Size
 
 GEOMETRIES = (".geo", ".msh")
@@ -64,7 +65,7 @@ class Rectangle(Section):
 
 
 def _geometry(value: Any, info: ValidationInfo) -> Path:
-    return existing_file(value, info, GEOMETRIES)
+    return existing_file(value, folder_of(info), GEOMETRIES)
 
 
 class SheetFile(Section):
@@ -195,10 +196,10 @@ class Case(Section):
     sheet: Sheet
     """Shape and fibre directions."""
 
-    effects: Annotated[Mapping[str, Values], EffectsOfCatalogue()]
+    scene: Annotated[Scene, EffectsSection()] = Field(alias="effects")
     """What the sheet resists and dissipates; what is not listed is not simulated."""
 
-    boundary: Mapping[str, EdgeCondition] = Field(
+    boundary: Mapping[str, EdgeConditions] = Field(
         examples=[{"left": "clamp", "right": {"displacement": ["program", 0]}}]
     )
     """Condition on each named edge; edges that are not named are free."""
@@ -232,4 +233,9 @@ class Case(Section):
     @property
     def needs(self) -> Needs:
         """What the effects need together: placements, second gradient, rate."""
-        return needs_of(self.effects)
+        return needs_of_scene(self.scene)
+
+    @property
+    def effects(self) -> Mapping[str, Values]:
+        """Values by the name of the effect, in the order of the scene."""
+        return {e.name: e.values for e in self.scene}

@@ -53,8 +53,10 @@ def _words(item: Mapping[str, Any], path: Path, keys: Mapping[str, Any]) -> tupl
             noun = "effect" if path[:-1] == ("effects",) else "key"
             meant = near_miss(path[-1], keys)
             known = f"The {noun}s are {', '.join(keys)}."
-            brief = bool(meant) and noun == "key"
-            return f"unknown {noun}", meant if brief else f"{meant} {known}".strip()
+            own = f"One of your own takes its file: '{path[-1]}: {{file: {path[-1]}.py}}'."
+            if noun == "effect":
+                return "unknown effect", f"{meant} {known}".strip() if meant else f"{known} {own}"
+            return "unknown key", meant or known
         case "literal_error" | "union_tag_invalid":
             said = context.get("expected") or context["expected_tags"]
             options = said.replace("'", "").replace(" or ", ", ").split(", ")

@@ -24,6 +24,9 @@ KINDS = {
     "s/m": ("a time per length", "70 s/m"),
 }
 
+#: More characters than this are no number with a unit.
+LONGEST = 80
+
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 # Single-digit powers only: pint computes powers, and 9^9^9^9 takes for ever.
 _FACTOR = r"\(*[^\W\d_][^\W\d]*(?:(?:\^|\*\*)?-?\d|[²³])?\)*"
@@ -55,7 +58,7 @@ def parse(text: str, unit: str) -> float:
     Raises:
         ValueError: With what the text has got instead: ``"the unknown unit 'x'"``.
     """
-    match = _QUANTITY.fullmatch(text) if len(text) <= 80 else None
+    match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
     if match is None:
         raise ValueError(describe(text))
     value = float(match["number"]) * (_factor(match["unit"], unit) if match["unit"] else 1.0)
@@ -68,6 +71,42 @@ def write(value: float, unit: str) -> str | float:
     """Return ``value`` with its unit, so that :func:`parse` gives the same float."""
     short = f"{value:g}"
     return f"{short if float(short) == value else repr(value)} {unit}" if unit else value
+
+
+def in_si(unit: str) -> tuple[float, Any]:
+    """Return how many SI units a unit is, and its dimension, as pint keeps it.
+
+    Angles and ``%`` have the dimension of a pure number, which is that of ``""``.
+
+    Raises:
+        ValueError: The unit is unknown, or does not start at zero (``degC``, ``dB``).
+    """
+    if unit == "%":
+        return 0.01, _registry().dimensionless.dimensionality
+    try:
+        factor, base = _in_base_units(unit)
+        zero = _registry().Quantity(0.0, _parsed(unit)).to_base_units().magnitude
+    except Exception as error:  # pint passes on whatever its tokenizer raises
+        raise ValueError(f"the unknown unit {unit!r}") from error
+    if zero:
+        raise ValueError(f"{unit!r}, which does not start at zero")
+    return factor, base.dimensionality
+
+
+def kind_of(dimension: Any) -> str:
+    """Return in words what a dimension is: ``"a length"``."""
+    names = {unit: name for unit, (name, _) in KINDS.items()} | {"N": "a force", "m^2": "an area"}
+    for unit, name in names.items():
+        if in_si(unit)[1] == dimension:
+            return name
+    base = {"[length]": "m", "[mass]": "kg", "[time]": "s", "[temperature]": "K"}
+    powers = (f"{base.get(of, of)}^{power:g}" for of, power in dimension.items())
+    return f"a value in {'*'.join(powers)}".replace("^1", "")
+
+
+def is_quantity(text: str) -> bool:
+    """Return whether a text is a number, perhaps with a unit, that may not be known."""
+    return len(text) <= LONGEST and _QUANTITY.fullmatch(text) is not None
 
 
 def _factor(given: str, unit: str) -> float:
@@ -89,9 +128,12 @@ def _factor(given: str, unit: str) -> float:
 
 
 def _in_base_units(unit: str) -> tuple[float, Any]:
-    registry = _registry()
-    factor, base = registry.get_base_units(registry.parse_units(_BARE_POWER.sub("^", unit)))
+    factor, base = _registry().get_base_units(_parsed(unit))
     return float(factor), base
+
+
+def _parsed(unit: str) -> Any:
+    return _registry().parse_units(_BARE_POWER.sub("^", unit))
 
 
 @cache

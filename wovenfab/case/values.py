@@ -21,6 +21,11 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
 
 
+def hide_default(schema: Json) -> None:
+    """Take a default out of the schema of a key that is better left out."""
+    schema.pop("default", None)
+
+
 @dataclass(frozen=True)
 class _Scalar:
     """A scalar with bounds, or one of a few words.
@@ -54,16 +59,17 @@ class _Scalar:
         named = {"exclusiveMinimum": self.above, "minimum": self.least, "maximum": self.most}
         return {name: bound for name, bound in named.items() if math.isfinite(bound)}
 
+    def broken(self, value: float) -> str:
+        """Return what a value must do that this one does not, or nothing."""
+        if value <= self.above:
+            return "be positive" if self.above == 0 else f"be more than {self.above:g}"
+        if value < self.least:
+            return "not be negative" if self.least == 0 else f"be at least {self.least:g}"
+        return f"be at most {self.most:g}" if value > self.most else ""
+
     def check(self, value: float, text: Any) -> None:
         """Raise if the value is out of bounds."""
-        problem = ""
-        if value <= self.above:
-            problem = "be positive" if self.above == 0 else f"be more than {self.above:g}"
-        elif value < self.least:
-            problem = "not be negative" if self.least == 0 else f"be at least {self.least:g}"
-        elif value > self.most:
-            problem = f"be at most {self.most:g}"
-        if problem:
+        if problem := self.broken(value):
             raise wrong(f"must {problem}, got {describe(text)}")
 
     def __get_pydantic_core_schema__(

@@ -43,7 +43,7 @@ def run_case(
             with watch.phase("mesh"):
                 sheet = sheet_for(case, path, overrides)
             directory = open_results(output or Path("results") / case.name, overwrite)
-        except ResultsExistError as error:
+        except (ResultsExistError, OSError) as error:
             voice.problem(str(error))
             return BAD_INPUT
         result = run(case, sheet, directory, voice.progress, watch)

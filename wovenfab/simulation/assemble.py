@@ -10,13 +10,22 @@ from typing import Any
 
 from mpi4py import MPI
 
-from forms.catalogue import effects
-from wovenfab.case import Case, Component, Cycles, Hold, Ramp, Rectangle, Table
-from wovenfab.model.constraints import Constraints, Grip, Held
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.case import (
+    Case,
+    Cycles,
+    EdgeCondition,
+    Hold,
+    Ramp,
+    Rectangle,
+    Table,
+    conditions_of,
+)
+from wovenfab.model.constraints import Constraints, Grip
+from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
 from wovenfab.sheet.gmsh_model import from_file, graded_rectangle
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.simulation.symbols import held_of, value_of, values_of
 from wovenfab.solver.equilibrium import Controls, Equilibrium
 from wovenfab.stepping.program import Program, Stretch, cycle, program_of, ramp, table
 from wovenfab.stepping.scheme import SCHEMES, Scheme
@@ -64,10 +73,20 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
 def model_of(case: Case, sheet: Sheet) -> Model:
     """Return the compiled model of a case on a sheet; collective."""
     d = case.discretisation
+    conditions = list(conditions_of(case.boundary))
+    rotations = [
+        [name for name, _, edge in conditions if edge.rotation and family in edge.families]
+        for family in (1, 2)
+    ]
+    loads = [
+        EdgeLoad(name, _families(edge), (value_of(edge.force[0]), value_of(edge.force[1])))
+        for name, _, edge in conditions
+        if edge.force is not None
+    ]
     return build_model(
         sheet,
-        [effects()[name] for name in case.effects],
-        case.effects,
+        [term.effect for term in case.scene],
+        {term.name: values_of(term.values) for term in case.scene},
         Numerics(
             degree=d.degree,
             quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
@@ -75,21 +94,23 @@ def model_of(case: Case, sheet: Sheet) -> Model:
             history=scheme_of(case).memory,
             mixed=case.solver.tangent == "mixed",
         ),
-        [name for name, edge in case.boundary.items() if edge.rotation],
+        (rotations[0], rotations[1]),
+        loads,
     )
 
 
 def constraints_of(case: Case, model: Model) -> Constraints:
     """Return the prescribed placements of a case."""
-    grips: dict[str, Grip] = {
-        name: (_held(edge.components[0]), _held(edge.components[1]))
-        for name, edge in case.boundary.items()
-    }
+    grips = [
+        Grip(name, (held_of(edge.components[0]), held_of(edge.components[1])), _families(edge))
+        for name, _, edge in conditions_of(case.boundary)
+    ]
     return Constraints(model.space, model.sheet, grips)
 
 
-def _held(component: Component) -> Held | None:
-    return Held(component.factor, component.offset) if component.held else None
+def _families(edge: EdgeCondition) -> tuple[int, ...]:
+    """Return the families that a condition is for, counted from 0."""
+    return tuple(family - 1 for family in edge.families)
 
 
 def equilibrium_of(case: Case, model: Model, constraints: Constraints) -> Equilibrium:
@@ -104,13 +125,20 @@ def scheme_of(case: Case) -> Scheme:
 
 
 def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
-    """Return the first edge that the program moves, and its direction of motion."""
-    for name, edge in case.boundary.items():
-        if edge.moves:
-            x, y = (c.factor for c in edge.components)
-            size = (x * x + y * y) ** 0.5
-            return name, (x / size, y / size)
-    raise ValueError("no edge follows the program")  # a validated case has one
+    """Return the first edge that the program moves, and its direction of motion.
+
+    Where a formula moves it, or nothing does, the direction is that of the held
+    components of the first held edge.
+    """
+    conditions = [(name, edge) for name, _, edge in conditions_of(case.boundary)]
+    moved = [(name, edge) for name, edge in conditions if edge.moves]
+    held = [(name, edge) for name, edge in conditions if any(c.held for c in edge.components)]
+    name, edge = (moved or held)[0]
+    x, y = (c.factor for c in edge.components)
+    if not (x or y):
+        x, y = (float(c.held and (c.moves or not moved)) for c in edge.components)
+    size = (x * x + y * y) ** 0.5
+    return name, (x / size, y / size)
 
 
 def program_of_case(case: Case) -> Program:
