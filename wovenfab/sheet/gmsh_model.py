@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from io import StringIO
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from dolfinx.mesh import Mesh, MeshTags
@@ -111,6 +112,7 @@ def _on_root(
             problem = str(error)
         except Exception as error:  # gmsh raises bare Exception
             problem = f"gmsh cannot mesh {what}: {error}"
+            _empty_parser(gmsh)
     problem = comm.bcast(problem)
     try:
         if problem is not None:
@@ -121,3 +123,11 @@ def _on_root(
     finally:
         if comm.rank == 0:
             gmsh.finalize()
+
+
+def _empty_parser(gmsh: Any) -> None:
+    """Let gmsh read what a syntax error left in its parser, which outlives the model."""
+    with TemporaryDirectory() as folder, suppress(Exception):
+        blank = Path(folder) / "blank.geo"
+        blank.write_text(";\n")
+        gmsh.open(str(blank))

@@ -22,6 +22,8 @@ from forms.places import point_of, point_variation
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model
 
+#: Value of f_1 × f_2 below which round-off alone can have put the families on the barrier.
+ON_BARRIER = 1e-14
 #: Share of the way to the crossing that a step may take.
 SHARE = 0.9
 
@@ -53,7 +55,7 @@ def first_crossing(
         # b > 0: a positive root only if a < 0, then it is (b + r)/(-2a).
         rising = np.where((b > 0) & (a < 0), (b + root) / (-2 * a), np.inf)
     limit = np.where(b <= 0, falling, rising)
-    return np.where(real, limit, np.inf)
+    return np.where(c > ON_BARRIER, np.where(real, limit, np.inf), 0.0)
 
 
 def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

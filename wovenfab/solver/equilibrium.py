@@ -29,6 +29,7 @@ REASONS = {
 #: Largest number of halvings in the line search, and its sufficient-decrease constant.
 HALVINGS = 14
 DECREASE = 1e-4
+EPSILON = float(np.finfo(np.float64).eps)
 #: A change of the potential below this share of it is round-off, not an increase.
 ROUND_OFF = 1e-12
 
@@ -87,12 +88,22 @@ class Equilibrium:
         self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._residual = model.field.x.petsc_vec.duplicate()  # ghosted
         self._solution = self._residual.duplicate()
+        self._diagonal = self._residual.duplicate()
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
+        # Largest force (N) and energy (J) of an equilibrium so far, by which others are judged.
         self._force_scale = 0.0
         self._energy_scale = 0.0
+        # Size of the tangent (N/m), and rounding error of positions (m).
+        self._stiffness = 0.0
+        self._blur = 0.0
+        self._force_norm = 0.0
         self._potential: float | None = None
         self._decrement = np.inf
         self._attained = False
+        mesh = model.sheet.mesh
+        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+        largest = float(mesh.h(2, cells).max(initial=0.0))
+        self._cell_size = float(model.comm.allreduce(largest, op=MPI.MAX))
         self._snes = self._create_snes()
 
     def _create_snes(self) -> Any:
@@ -110,13 +121,12 @@ class Equilibrium:
         pc.setType("cholesky")
         pc.setFactorSolverType("mumps")
         # The line search is ours, in the pre-check; PETSc's own stay reachable.
+        # Options stay set while the object lives, since PETSc reads some at the first solve.
+        settings = {"snes_linesearch_type": "basic", **(self._controls.options or {})}
         options = PETSc.Options()
-        for name, value in {
-            "snes_linesearch_type": "basic",
-            **(self._controls.options or {}),
-        }.items():
-            if name not in options:
-                options[name] = value
+        self._options = [name for name in settings if name not in options]
+        for name in self._options:
+            options[name] = settings[name]
         snes.setFromOptions()
         return snes
 
@@ -133,6 +143,9 @@ class Equilibrium:
         self._snes.solve(None, self._solution)
         self._load(self._solution)
         reason = self._snes.getConvergedReason()
+        if reason > 0:
+            self._force_scale = max(self._force_scale, self._force_norm)
+            self._energy_scale = max(self._energy_scale, abs(self._potential or 0.0))
         return Outcome(
             converged=reason > 0,
             reason=REASONS.get(reason, str(reason)),
@@ -147,16 +160,11 @@ class Equilibrium:
         self.force = self._residual.array_r.copy()
         return self.force
 
-    def negative_eigenvalues(self) -> int | None:
-        """Return the inertia's negative count of the last factor; None if unavailable."""
-        try:
-            return int(self._snes.getKSP().getPC().getFactorMatrix().getInertia()[0])
-        except PETSc.Error:
-            return None
-
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self._snes, self._matrix, self._residual, self._solution):
+        for name in self._options:
+            PETSc.Options().delValue(name)
+        for item in (self._snes, self._matrix, self._residual, self._solution, self._diagonal):
             item.destroy()
 
     def _load(self, x: Any) -> None:
@@ -179,9 +187,7 @@ class Equilibrium:
         bcs, at = self._constraints.bcs, self._model.field.x.petsc_vec
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.force = b.array_r.copy()
-        norm = b.norm()
-        if np.isfinite(norm):
-            self._force_scale = max(self._force_scale, norm)
+        self._force_norm = b.norm()
         if not self._attained:
             with b.localForm() as local:
                 local.array_w[b.getLocalSize() :] = 0.0
@@ -194,6 +200,11 @@ class Equilibrium:
         matrix.zeroEntries()
         fem_petsc.assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
         matrix.assemble()
+        # Strains are differences of displacements, which are known to a rounding error of
+        # their own size, and of the cell's where they are small.
+        matrix.getDiagonal(self._diagonal)
+        self._stiffness = self._diagonal.norm()
+        self._blur = EPSILON * max(x.norm(PETSc.NormType.INFINITY), self._cell_size)
 
     def _evaluate_objective(self, snes: Any, x: Any) -> float:
         self._load(x)
@@ -225,16 +236,17 @@ class Equilibrium:
         field, step, last = self._model.field, self.barrier.step, self._model.last
         start = self._energy() if self._potential is None else self._potential
         slope = float(self._snes.getFunction()[0].dot(y))  # decrease per unit length
+        # An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
+        blurred = self._blur * np.sqrt(2 * abs(start) * self._stiffness)
+        slack = max(ROUND_OFF * max(abs(start), self._energy_scale), blurred)
         trial = start
         for _ in range(HALVINGS):
             field.x.array[:] = last.x.array + length * step.x.array
             trial = self._energy()
-            slack = ROUND_OFF * max(abs(start), self._energy_scale)
             if np.isfinite(trial) and trial <= start - DECREASE * length * slope + slack:
                 break
             length /= 2
         self._potential = trial
-        self._energy_scale = max(self._energy_scale, abs(trial)) if np.isfinite(trial) else 0.0
         self._decrement = abs(slope) if length == 1.0 else np.inf
         return length
 
@@ -245,14 +257,16 @@ class Equilibrium:
         quadratic, so a step of relative energy ``tolerance`` leaves its square.
         """
         residual = norms[2]
-        if not np.isfinite(residual):
+        if not np.isfinite([residual, self._force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
         tolerance = self._controls.tolerance
         if self._attained:
-            if residual <= tolerance * self._force_scale:
+            force = max(self._force_scale, self._force_norm)
+            energy = max(self._energy_scale, abs(self._potential or 0.0))
+            if residual <= max(tolerance * force, self._blur * self._stiffness):
                 return int(Reason.CONVERGED_FNORM_RELATIVE)
-            small = self._decrement <= tolerance * self._energy_scale
-            if small and residual <= np.sqrt(tolerance) * self._force_scale:
+            small = self._decrement <= tolerance * energy
+            if small and residual <= np.sqrt(tolerance) * force:
                 return int(Reason.CONVERGED_SNORM_RELATIVE)
         if iteration >= self._controls.max_iterations:
             return int(Reason.DIVERGED_MAX_IT)

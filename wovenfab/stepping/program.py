@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
 from math import cos, pi
 
 import numpy as np
@@ -56,8 +58,14 @@ class Program:
     milestones: tuple[Milestone, ...]
     _stretches: tuple[Stretch, ...]
 
+    @cached_property
+    def _planned(self) -> dict[float, float]:
+        return {m.time: m.displacement for m in self.milestones}
+
     def displacement(self, time: float) -> float:
         """Return the displacement (m) at a time (s); the end value beyond the end."""
+        if time in self._planned:  # bit for bit, which t - start could miss
+            return self._planned[time]
         start = 0.0
         for s in self._stretches:
             if time <= start + s.duration:
@@ -74,10 +82,11 @@ def program_of(stretches: Sequence[Stretch]) -> Program:
         following = stretches[number + 1] if number + 1 < len(stretches) else None
         for i in range(1, s.steps + 1):
             last = i == s.steps
+            since = s.duration if last else s.duration * i / s.steps  # the end bit for bit
             milestones.append(
                 Milestone(
-                    start + s.duration * i / s.steps,
-                    s.path(s.duration * i / s.steps),
+                    start + since,
+                    s.path(since),
                     jump=last and following is not None and following.jump,
                     ends_cycle=last and s.ends_cycle,
                 )
@@ -108,7 +117,11 @@ def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Stre
 
 def ramp(start: float, end: float, duration: float, steps: int) -> Stretch:
     """Return a ramp at constant velocity (m and s); a hold if both ends are equal."""
-    return Stretch(duration, steps, lambda t: start + (end - start) * (t / duration), jump=True)
+
+    def path(t: float) -> float:
+        return end if t >= duration else start + (end - start) * (t / duration)
+
+    return Stretch(duration, steps, path, jump=True)
 
 
 def table(start: float, times: Sequence[float], displacements: Sequence[float]) -> list[Stretch]:
@@ -122,7 +135,8 @@ def table(start: float, times: Sequence[float], displacements: Sequence[float]) 
     velocity = np.diff(displacements) / np.diff(times)
     before = np.concatenate([[0.0], velocity[:-1]])
     jumps = np.abs(velocity - before) > 0.5 * np.maximum(np.abs(velocity), np.abs(before))
+    rows = pairwise(zip(times, displacements, strict=True))
     return [
-        Stretch(t1 - t0, 1, lambda t, a=d0, v=v: a + v * t, jump=bool(j))  # type: ignore[misc]
-        for t0, t1, d0, v, j in zip(times, times[1:], displacements, velocity, jumps, strict=False)
+        replace(ramp(d0, d1, t1 - t0, 1), jump=bool(jump))
+        for ((t0, d0), (t1, d1)), jump in zip(rows, jumps, strict=True)
     ]

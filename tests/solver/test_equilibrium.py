@@ -1,0 +1,125 @@
+"""Newton's method on nearly inextensible yarns: few iterations, honest convergence."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from tests import scenes
+from wovenfab.model.constraints import Grip, Held
+from wovenfab.model.model import Model, Numerics
+from wovenfab.solver.equilibrium import Controls, Outcome
+
+CUBIC = Numerics(3)
+LARGE = 0.1
+
+
+def bonded(numerics: Numerics, mesh_size: float = 0.05) -> Model:
+    held = ("left",) if numerics.degree == 3 else ()
+    on = scenes.sheet(mesh_size=mesh_size)
+    return scenes.model(on, scenes.BONDED, numerics, rotation_edges=held)
+
+
+def one_step(
+    model: Model, displacement: float, controls: Controls | None = None
+) -> tuple[Outcome, dict[str, tuple[float, float]]]:
+    constraints, equilibrium = scenes.solver(model, controls=controls)
+    constraints.set(displacement)
+    outcome = equilibrium.solve()
+    reactions = constraints.reactions(equilibrium.force)
+    equilibrium.destroy()
+    return outcome, reactions
+
+
+@pytest.mark.parametrize("numerics", [scenes.PROTOTYPE, CUBIC], ids=["P2", "P3"])
+@pytest.mark.parametrize("mesh_size", [0.15, 0.05, 0.025])
+def test_a_large_pull_from_rest_in_one_step_takes_at_most_ten_iterations(
+    numerics: Numerics, mesh_size: float
+) -> None:
+    outcome, _ = one_step(bonded(numerics, mesh_size), LARGE)
+    print(f"\nP{numerics.degree}, h = {1e3 * mesh_size:g} mm: {outcome.iterations} iterations")
+    assert outcome.converged
+    assert outcome.iterations <= 10
+
+
+def test_the_plain_tangent_needs_more_iterations_for_the_same_solution() -> None:
+    mixed, plain = bonded(scenes.PROTOTYPE), bonded(replace(scenes.PROTOTYPE, mixed=False))
+    (few, force), (many, same) = one_step(mixed, LARGE), one_step(plain, LARGE)
+    print(f"\nmixed tangent {few.iterations} iterations, plain {many.iterations}")
+    assert few.converged and many.converged
+    assert few.iterations < many.iterations
+    assert force["right"][0] == pytest.approx(same["right"][0], rel=1e-8)
+    assert mixed.field.x.array == pytest.approx(plain.field.x.array, abs=1e-10)
+
+
+@pytest.mark.parametrize("displacement", [1e-3, 1e-5, 1e-7, 0.0])
+@pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
+def test_a_small_step_from_rest_converges_in_spite_of_round_off(
+    names: tuple[str, ...], displacement: float
+) -> None:
+    model = scenes.model(scenes.sheet(fibres=(0.3, -0.9)), names, scenes.PROTOTYPE)
+    outcome, reactions = one_step(model, displacement)
+    assert outcome.converged and outcome.iterations <= 5
+    stiffness = one_step(model, 1e-6)[1]["right"][0] / 1e-6
+    tolerance = 1e-2 if displacement > 1e-4 else 1e-4
+    assert reactions["right"][0] == pytest.approx(
+        stiffness * displacement, rel=tolerance, abs=1e-9 * stiffness * 1e-3
+    )
+
+
+def test_convergence_is_judged_by_the_forces_of_the_state_not_of_the_way_there() -> None:
+    """A bending yarn: its iterates meet huge forces of stretch, its equilibrium small ones."""
+    values = {
+        "stretch": {"stiffness": (1e8, 1e8)},
+        "shear": {"stiffness": 0.0},
+        "bending": {"stiffness": (1.0, 1.0)},
+    }
+    on = scenes.sheet(1.0, 0.25, 0.125, "right", fibres=(0.0, pi / 2))
+    model = scenes.model(on, scenes.BONDED, CUBIC, values, rotation_edges=("left",))
+    grips = (Grip("left", (Held(), Held())), Grip("right", (None, Held(1.0))))
+    constraints, equilibrium = scenes.solver(model, grips)
+    for deflection in (0.3, 0.5):
+        constraints.set(deflection)
+        outcome = equilibrium.solve()
+        assert outcome.converged
+        assert outcome.residual < 1e-6 * np.linalg.norm(equilibrium.force)
+    equilibrium.destroy()
+
+
+def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> None:
+    model = scenes.model(scenes.sheet(0.6, mesh_size=0.05), scenes.BONDED, scenes.PROTOTYPE)
+    constraints, equilibrium = scenes.solver(model)
+    energies: list[float] = []
+
+    def watch(*_: object) -> None:
+        if not constraints.unmet(model.field):
+            energies.append(scenes.energy(model))
+
+    equilibrium._snes.setMonitor(watch)
+    constraints.set(0.15)
+    assert equilibrium.solve().converged
+    assert len(energies) > 3
+    assert (np.diff(energies) <= 1e-9 * max(energies)).all()
+    equilibrium.destroy()
+
+
+def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
+    controls = Controls(options={"ksp_type": "gmres"})
+    _, equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
+    found = equilibrium._snes.getKSP().getType()
+    equilibrium.destroy()
+    _, plain = scenes.solver(bonded(scenes.PROTOTYPE, 0.15))
+    later = plain._snes.getKSP().getType()
+    plain.destroy()
+    PETSc.Options().delValue("ksp_type")  # should it have stayed, other tests need not suffer
+    assert (found, later) == ("gmres", "preonly")
+
+
+def test_every_outcome_has_a_name() -> None:
+    model = bonded(scenes.PROTOTYPE, 0.15)
+    outcome, _ = one_step(model, LARGE, Controls(max_iterations=1))
+    assert outcome == Outcome(False, "DIVERGED_MAX_IT", 1, outcome.residual)

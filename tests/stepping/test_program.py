@@ -1,0 +1,141 @@
+"""Load programs: what is planned is hit exactly."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from math import cos, pi
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from wovenfab.case import Cycles, Hold, Ramp, Table
+from wovenfab.simulation.assemble import program_of_case
+from wovenfab.stepping.program import Program, cycle, program_of, ramp, table
+
+AMPLITUDES = (0.02, 0.037, 0.0403)
+
+
+def planned(*segments: object, steps: int = 40) -> Program:
+    """Return the program of the segments of a case."""
+    time = SimpleNamespace(steps_per_cycle=steps)
+    return program_of_case(SimpleNamespace(program=segments, time=time))  # type: ignore[arg-type]
+
+
+def cycles(**speed: str) -> Cycles:
+    amplitudes = [f"{a} m" for a in AMPLITUDES]
+    return Cycles.model_validate({"type": "cycles", "amplitudes": amplitudes, **speed})
+
+
+@pytest.mark.parametrize(
+    ("speed", "periods"),
+    [
+        ({"max_velocity": "0.5 m/s"}, [pi * a / 0.5 for a in AMPLITUDES]),
+        ({"frequency": "0.7 Hz"}, [1 / 0.7] * 3),
+    ],
+    ids=["same velocity", "same frequency"],
+)
+def test_reversals_and_returns_are_hit_bit_for_bit(
+    speed: dict[str, str], periods: list[float]
+) -> None:
+    program = planned(cycles(**speed))
+    points = program.milestones
+    assert len(points) == 3 * 40 + 1
+    start = 0.0
+    for i, (amplitude, period) in enumerate(zip(AMPLITUDES, periods, strict=True)):
+        top, end = points[40 * i + 20], points[40 * i + 40]
+        assert (top.time, top.displacement) == (start + period / 2, amplitude)
+        start = top.time + period / 2
+        assert (end.time, end.displacement) == (start, 0.0)
+        assert end.ends_cycle and not top.ends_cycle
+        for point in (top, end):
+            assert program.displacement(point.time) == point.displacement
+
+
+@pytest.mark.parametrize("speed", [{"max_velocity": "0.5 m/s"}, {"frequency": "0.7 Hz"}])
+def test_cycles_have_their_largest_velocity_or_their_frequency(speed: dict[str, str]) -> None:
+    program = planned(cycles(**speed), steps=4000)
+    times = np.array([m.time for m in program.milestones])
+    moved = np.array([m.displacement for m in program.milestones])
+    velocity = np.diff(moved) / np.diff(times)
+    peaks = velocity.reshape(3, 4000).max(axis=1)
+    periods = np.diff(times[::4000])
+    if "max_velocity" in speed:
+        assert peaks == pytest.approx(0.5, rel=1e-6)
+    else:
+        assert 1 / periods == pytest.approx(0.7, rel=1e-12)
+        assert peaks == pytest.approx(pi * 0.7 * np.array(AMPLITUDES), rel=1e-6)
+
+
+def test_a_cycle_follows_its_closed_form_and_starts_where_the_last_segment_ended() -> None:
+    stretches = [ramp(0.0, 0.01, 0.3, 3), *cycle(0.01, 0.05, 2.0, 16)]
+    program = program_of(stretches)
+    for t in np.linspace(0.3, 2.3, 101):
+        expected = 0.01 + 0.025 * (1 - cos(2 * pi * (t - 0.3) / 2.0))
+        assert program.displacement(t) == pytest.approx(expected, abs=1e-15)
+    assert program.milestones[-1].displacement == 0.01
+    assert program.displacement(99.0) == 0.01
+
+
+def test_milestones_lie_on_the_program_bit_for_bit_whatever_went_before() -> None:
+    program = planned(
+        cycles(max_velocity="0.3 m/s"),
+        Ramp(type="ramp", to="31 mm", duration="0.7 s", steps=7),
+        Hold(type="hold", duration="0.1 s", steps=3),
+        Ramp(type="ramp", to="-3 mm", velocity="11 mm/s", steps=9),
+    )
+    for point in program.milestones:
+        assert program.displacement(point.time) == point.displacement
+    ends = [program.milestones[i] for i in (127, 130, 139)]
+    assert [m.displacement for m in ends] == [0.031, 0.031, -0.003]
+    assert ends[1].time - ends[0].time == pytest.approx(0.1, rel=1e-12)
+    assert ends[2].time - ends[1].time == pytest.approx(0.034 / 0.011, rel=1e-12)
+
+
+def test_a_hold_keeps_the_displacement_and_both_its_ends_are_jumps_of_the_velocity() -> None:
+    program = planned(
+        Ramp(type="ramp", to="10 mm", duration="1 s", steps=4),
+        Hold(type="hold", duration="2 s", steps=5),
+        Ramp(type="ramp", to="0 mm", duration="1 s", steps=4),
+    )
+    held = program.milestones[4:10]
+    assert {m.displacement for m in held} == {0.01}
+    assert [m.jump for m in program.milestones if m.jump] == [True] * 3
+    assert [program.milestones[i].jump for i in (0, 4, 9)] == [True] * 3
+
+
+def test_cycles_never_jump_in_velocity() -> None:
+    assert not any(m.jump for m in planned(cycles(frequency="1 Hz")).milestones)
+
+
+def test_a_table_is_hit_at_every_row_and_jumps_at_its_corners_only(tmp_path: Path) -> None:
+    times = [0.5, 1.0, 1.25, 3.0, 3.5]
+    moved = [0.010, 0.019, 0.0235, -0.01, -0.01]  # about 20, 18, 18 mm/s, back, at rest
+    rows = "\n".join(f"{t},{d}" for t, d in zip(times, moved, strict=True))
+    (tmp_path / "u.csv").write_text(f"time_s,displacement_m\n{rows}\n")
+    row = {"type": "table", "file": "u.csv"}
+    segment = Table.model_validate(row, context={"folder": tmp_path})
+    program = planned(segment)
+    found = [(m.time, m.displacement) for m in program.milestones]
+    assert found == [(0.0, 0.0), *zip(times, moved, strict=True)]
+    assert [m.jump for m in program.milestones] == [True, False, False, True, True, False]
+    assert program.displacement(0.75) == pytest.approx(0.0145, rel=1e-12)
+
+
+def test_a_finely_sampled_smooth_curve_has_no_corner_after_its_start() -> None:
+    times = np.linspace(0.0, 2.0, 81)
+    moved = 0.02 * (1 - np.cos(pi * times))
+    program = program_of(table(0.0, tuple(times), tuple(moved)))
+    inner = [m.jump for m in program.milestones[2:-2]]
+    reversal = 40 - 2  # there the velocity passes through zero
+    assert not any(jump for i, jump in enumerate(inner) if abs(i - reversal) > 1)
+
+
+def test_times_grow_strictly_over_all_kinds_of_segments() -> None:
+    program = planned(
+        cycles(max_velocity="0.5 m/s"),
+        Hold(type="hold", duration="1 ms", steps=7),
+        cycles(frequency="3 Hz"),
+    )
+    assert all(a.time < b.time for a, b in pairwise(program.milestones))

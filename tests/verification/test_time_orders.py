@@ -1,0 +1,127 @@
+"""What each time scheme promises: its order in force and losses, and its energy balance.
+
+One cycle of the bias-extension sample on a coarse mesh. The speeds leave the friction
+between viscous and saturated (eta times the rate of order one), so that its switch at a
+reversal takes several steps; faster, every scheme needs more steps before its order shows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from math import pi
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests import scenes
+from wovenfab.model.model import Numerics
+from wovenfab.stepping.program import cycle, program_of
+from wovenfab.stepping.scheme import SCHEMES
+
+COUNTS = (20, 40, 80, 160)
+AMPLITUDE = 0.04
+#: Effects, grip speed (m/s) and mesh size (m).
+SCENES = {
+    "slip": ((*scenes.COUPLED, "slip_friction"), 0.1, 0.3),
+    "spin": (("stretch", "shear", "spin_friction"), 0.005, 0.15),
+}
+#: Largest energy imbalance over dissipated energy at the end of a cycle of 80 steps.
+IMBALANCE = {"backward-euler": 5e-3, "bdf2": 5e-3, "midpoint": 5e-6}
+
+in_each = pytest.mark.parametrize(
+    ("scene", "scheme"), [(scene, scheme) for scene in SCENES for scheme in SCHEMES]
+)
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Force (N) and dissipated energy (J) at 20 equal times, and what is missing at the end."""
+
+    force: NDArray[np.float64]
+    dissipated: NDArray[np.float64]
+    imbalance: float
+
+
+@cache
+def refinements(scene: str, scheme: str) -> tuple[Curves, ...]:
+    """Return the curves with 20, 40, 80 and 160 steps a cycle."""
+    names, speed, size = SCENES[scene]
+    numerics = Numerics(2, quadrature=4, penalty=10.0, history=SCHEMES[scheme].memory)
+    model = scenes.model(scenes.sheet(mesh_size=size), names, numerics)
+    return tuple(
+        curves(scenes.march(model, program_of(cycle(0.0, AMPLITUDE, period, n)), scheme))
+        for n in COUNTS
+        for period in (pi * AMPLITUDE / speed,)
+    )
+
+
+def curves(steps: list) -> Curves:
+    planned = [s for s in steps if s.milestone is not None]
+    lost = sum(planned[-1].dissipated.values())
+    missing = planned[-1].work - sum(planned[-1].stored.values()) - lost
+    sampled = planned[:: (len(planned) - 1) // 20]
+    return Curves(
+        np.array([s.reactions["right"][0] for s in sampled]),
+        np.array([sum(s.dissipated.values()) for s in sampled]),
+        abs(missing) / lost,
+    )
+
+
+def orders(found: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the orders of convergence from the differences of successive refinements."""
+    steps = np.array([np.linalg.norm(b - a) for a, b in pairwise(found)])
+    return np.log2(steps[:-1] / steps[1:])
+
+
+@in_each
+def test_force_and_dissipated_energy_converge_with_the_schemes_order(
+    scene: str, scheme: str
+) -> None:
+    theory, runs = SCHEMES[scheme].order, refinements(scene, scheme)
+    force = orders([r.force for r in runs])
+    dissipated = orders([r.dissipated for r in runs])
+    print(f"\n{scene}, {scheme}: observed {np.round(force, 2)} in force, ", end="")
+    print(f"{np.round(dissipated, 2)} in dissipated energy, theory {theory}")
+    assert force[-1] == pytest.approx(theory, abs=0.2)
+    assert dissipated[-1] == pytest.approx(theory, abs=0.2)
+
+
+@in_each
+def test_external_work_is_stored_or_dissipated_within_what_the_scheme_promises(
+    scene: str, scheme: str
+) -> None:
+    found = np.array([r.imbalance for r in refinements(scene, scheme)])
+    fall = np.log2(found[0] / found[-1]) / (len(found) - 1)
+    print(f"\n{scene}, {scheme}: imbalance {found} of the loss, order {fall:.2f}")
+    assert found[COUNTS.index(80)] < IMBALANCE[scheme]
+    assert fall > SCHEMES[scheme].order - 0.15
+
+
+def test_all_schemes_converge_to_the_same_loop() -> None:
+    for scene in SCENES:
+        ends = [refinements(scene, scheme)[-1] for scheme in SCHEMES]
+        for other in ends[:-1]:
+            assert other.force == pytest.approx(ends[-1].force, abs=0.01 * ends[-1].force.max())
+            assert other.dissipated[-1] == pytest.approx(ends[-1].dissipated[-1], rel=0.03)
+
+
+@pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
+def test_without_friction_the_work_is_stored_with_order_two_and_all_given_back(
+    scheme: str,
+) -> None:
+    """The trapezoid sums the work, whatever the scheme; a symmetric cycle cancels its error."""
+    model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
+    missing = []
+    for n in (60, 120, 240):
+        steps = scenes.march(model, program_of(cycle(0.0, 0.005, 1.0, n)), scheme)
+        top = steps[n // 2]
+        missing.append(abs(top.work / sum(top.stored.values()) - 1))
+        assert abs(steps[-1].work) < 1e-8 * top.work
+        assert abs(sum(steps[-1].stored.values())) < 1e-8 * top.work
+    fall = np.log2(np.array(missing[:-1]) / missing[1:])
+    print(f"\n{scheme}: work over stored energy at the top less one {missing}, orders {fall}")
+    assert fall[-1] == pytest.approx(2.0, abs=0.2)
+    assert missing[-1] < 1e-6
