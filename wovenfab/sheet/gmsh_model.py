@@ -112,7 +112,6 @@ def _on_root(
             problem = str(error)
         except Exception as error:  # gmsh raises bare Exception
             problem = f"gmsh cannot mesh {what}: {error}"
-            _empty_parser(gmsh)
     problem = comm.bcast(problem)
     try:
         if problem is not None:
@@ -123,11 +122,16 @@ def _on_root(
     finally:
         if comm.rank == 0:
             gmsh.finalize()
+            if problem is not None:
+                _empty_parser(gmsh)
 
 
 def _empty_parser(gmsh: Any) -> None:
     """Let gmsh read what a syntax error left in its parser, which outlives the model."""
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
     with TemporaryDirectory() as folder, suppress(Exception):
         blank = Path(folder) / "blank.geo"
         blank.write_text(";\n")
         gmsh.open(str(blank))
+    gmsh.finalize()
