@@ -13,13 +13,19 @@ from .effect import Effect
 
 @cache
 def effects() -> Mapping[str, Effect]:
-    """Return all effects by name, in alphabetical order of their files."""
+    """Return all effects by name, in alphabetical order of their files.
+
+    Raises:
+        ValueError: If two files define an effect of the same name.
+    """
     package = importlib.import_module(__package__ or "forms")
-    found = {}
+    found: dict[str, Effect] = {}
     for module in sorted(pkgutil.iter_modules(package.__path__), key=lambda m: m.name):
         effect = getattr(
             importlib.import_module(f"{package.__name__}.{module.name}"), "EFFECT", None
         )
         if isinstance(effect, Effect):
+            if effect.name in found:
+                raise ValueError(f"{module.name}.py: there is an effect {effect.name!r} already")
             found[effect.name] = effect
     return MappingProxyType(found)

@@ -28,7 +28,7 @@ EFFECT = Effect(
     summary="Shear by a power of the angle, as in pantographic sheets (Maurin et al. 2019)",
     parameters=(
         Parameter("stiffness", "N/m", "shear stiffness K"),
-        Parameter("power", "1", "exponent n of |gamma|", zero_allowed=False),
+        Parameter("power", "1", "exponent n of |gamma|", above=1.0),
     ),
     energy=energy,
     resists=frozenset({"shearing"}),

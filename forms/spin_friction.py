@@ -34,4 +34,5 @@ EFFECT = Effect(
     needs=Needs(rate=True),
     dissipation=dissipation,
     measure=angle,
+    resists=frozenset({"shearing"}),
 )

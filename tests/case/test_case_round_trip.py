@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from ruamel.yaml import YAML
 
 from forms.catalogue import effects
+from forms.effect import Parameter
 from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, dump_case, read_case
 
 WriteCase = Callable[[str], Path]
@@ -137,7 +138,8 @@ def test_the_cases_that_are_shipped_are_good(path: Path, tmp_path: Path) -> None
 
 
 def test_there_are_cases_shipped() -> None:
-    assert {"bias-1x3", "bonded-1x3", "dogbone"} <= {p.stem for p in CONFIGS}
+    tests = {"bias-1x3", "uniaxial", "biaxial", "shear", "picture-frame", "pantograph"}
+    assert tests <= {p.stem for p in CONFIGS}
 
 
 def test_a_case_cannot_be_changed_and_can_be_sent(example: str, write_case: WriteCase) -> None:
@@ -178,16 +180,27 @@ SEGMENTS = st.one_of(
 LEFT = st.sampled_from(["clamp", {"clamp": "rotation"}, {"displacement": ["-program", 0]}])
 RIGHT = st.builds(
     lambda y, rotation: {"displacement": ["program", y], "rotation": rotation},
-    st.floats(-1, 1) | st.just("free"),
+    st.floats(-1, 1) | st.sampled_from(["free", "y/10 + program^2/1 m"]),
     st.sampled_from(["free", "held"]),
 )
+TOP = st.builds(
+    lambda x, y, held: {"force": [x, y], "rotation": held},
+    st.floats(-9, 9), st.just("10 N/m*sin(x/1 m)"), st.sampled_from(["free", "held"]),
+)  # fmt: skip
+
+
+def _value(p: Parameter) -> st.SearchStrategy[Any]:
+    """Return numbers and formulas above 1, which every parameter may be."""
+    least = st.floats(min_value=2, max_value=1e12)
+    unit = "" if p.unit == "1" else p.unit
+    formula = least.map(lambda v: f"{v!r} {unit} * (1 + x/1 m)")
+    return st.lists(least | formula, min_size=2, max_size=2) if p.per_family else least | formula
+
+
 PARAMETERS: dict[str, st.SearchStrategy[Any]] = {
-    name: st.fixed_dictionaries(
-        {p.name: st.lists(POSITIVE, min_size=2, max_size=2) if p.per_family else POSITIVE
-         for p in effect.parameters}
-    )
+    name: st.fixed_dictionaries({p.name: _value(p) for p in effect.parameters})
     for name, effect in effects().items()
-}  # fmt: skip
+}
 DATA: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
     {
         "title": st.text(),
@@ -197,10 +210,9 @@ DATA: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
                 lambda a: abs(math.sin(a[1] - a[0])) > 2e-3).map(list),
         }),
         "effects": st.fixed_dictionaries(
-            {n: PARAMETERS[n] for n in ("stretch", "shear", "bending")},
-            optional={n: PARAMETERS[n] for n in ("slip_friction", "coupling", "spin_friction")}),
-        "boundary": st.fixed_dictionaries(
-            {"left": LEFT, "right": RIGHT}),
+            {n: PARAMETERS[n] for n in ("stretch", "bending")},
+            optional={n: PARAMETERS[n] for n in effects() if n not in ("stretch", "bending")}),
+        "boundary": st.fixed_dictionaries({"left": LEFT, "right": RIGHT}, optional={"top": TOP}),
         "program": st.lists(SEGMENTS, min_size=1, max_size=3),
     },
     optional={

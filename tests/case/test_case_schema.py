@@ -3,14 +3,48 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import forms
 from forms import catalogue
-from forms.effect import Effect, Needs, Parameter
 from wovenfab.case import json_schema
+
+NewFile = Callable[[str, str], None]
+DRAG = """\
+from .effect import Effect, Needs, Parameter
+
+EFFECT = Effect(
+    name="drag",
+    summary="Something new",
+    parameters=(
+        Parameter("factor", "N*s/m^3", "how much"),
+        Parameter("power", "1", "exponent", default=2.0, above=1.0),
+    ),
+    needs=Needs(placements=2, rate=True),
+    dissipation=lambda rate, values: rate,
+    measure=lambda point: point,
+)
+"""
+
+
+@pytest.fixture
+def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NewFile]:
+    """Return a function that puts a file into a folder that counts as forms/ for one test."""
+    monkeypatch.setattr(forms, "__path__", [*forms.__path__, str(tmp_path)])
+
+    def write(name: str, text: str) -> None:
+        (tmp_path / name).write_text(text)
+        catalogue.effects.cache_clear()
+
+    yield write
+    catalogue.effects.cache_clear()
+    for path in tmp_path.glob("*.py"):
+        sys.modules.pop(f"forms.{path.stem}", None)
 
 
 def _objects(schema: Any) -> Iterator[dict[str, Any]]:
@@ -55,18 +89,17 @@ def test_every_parameter_has_its_unit_and_meaning() -> None:
             assert (value["anyOf"][0] if p.per_family else value)["unit"] == (p.unit or "1")
 
 
-def test_a_new_effect_is_in_the_schema_without_another_edit(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    drag = Effect(
-        name="drag",
-        summary="Something new",
-        parameters=(Parameter("factor", "N*s/m^3", "how much"),),
-        needs=Needs(placements=2, rate=True),
-        dissipation=lambda rate, values: rate,
-        measure=lambda point: point,
-    )
-    monkeypatch.setattr(catalogue, "effects", lambda: {"drag": drag})
-    schema = json_schema()
-    assert schema["$defs"]["drag"]["properties"]["factor"]["unit"] == "N*s/m^3"
-    assert schema["$defs"]["drag"]["description"] == "Something new"
+def test_a_new_file_in_forms_is_in_the_schema_without_another_edit(new_file: NewFile) -> None:
+    new_file("new_drag.py", DRAG)
+    drag = json_schema()["$defs"]["drag"]
+    assert drag["description"] == "Something new"
+    assert drag["properties"]["factor"]["unit"] == "N*s/m^3"
+    assert drag["required"] == ["factor"]
+    assert drag["properties"]["power"]["default"] == 2
+    assert drag["properties"]["power"]["anyOf"][0]["exclusiveMinimum"] == 1
+
+
+def test_two_files_with_the_same_effect_are_refused(new_file: NewFile) -> None:
+    new_file("new_drag.py", DRAG.replace('"drag"', '"shear"'))
+    with pytest.raises(ValueError, match="there is an effect 'shear' already"):
+        json_schema()

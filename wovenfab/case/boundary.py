@@ -45,7 +45,10 @@ class EdgeCondition(Section):
     """What is prescribed on an edge; clamp is short for no displacement."""
 
     components: tuple[AnyComponent, AnyComponent] = Field(
-        default=(FREE, FREE), alias="displacement", examples=[["program", 0]]
+        default=(FREE, FREE),
+        alias="displacement",
+        examples=[["program", 0]],
+        json_schema_extra={"default": ["free", "free"]},
     )
     """Displacement along x and y: program, -program, a length, free, or a formula of all."""
 

@@ -41,7 +41,7 @@ _OWN_SCHEMA: Json = {
 
 def quantity(parameter: Parameter) -> Varying:
     """Return how one value of a parameter is read and written."""
-    unit = "" if parameter.unit == "1" else parameter.unit
+    unit = _unit(parameter)
     if parameter.above is not None:
         return Varying(unit=unit, above=parameter.above)
     return Varying(unit=unit, least=0) if parameter.zero_allowed else Varying(unit=unit, above=0)
@@ -175,8 +175,12 @@ def _kind(parameter: Parameter) -> Any:
     return Annotated[tuple[one, one], OneOr(2)] if parameter.per_family else one
 
 
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else parameter.unit
+
+
 def _described(parameter: Parameter) -> Any:
-    example = KINDS.get(parameter.unit, ("", f"1 {parameter.unit}"))[1]
+    example = KINDS.get(_unit(parameter), ("", f"1 {parameter.unit}"))[1]
     more: Mapping[str, Any] = {}
     if parameter.default is not None:
         both = (parameter.default,) * 2

@@ -30,13 +30,13 @@ DEEPEST = 20
 _CONSTANTS = {"pi": math.pi}
 _NO_UNITS = (*VARIABLES, *_CONSTANTS, *CONNECTIVES)
 _TOKEN = re.compile(
-    r"(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)"
+    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
     r"|(?P<name>[^\W\d]\w*)"
     r"|(?P<sign>\*\*|<=|>=|[-+*/^()<>,])"
 )
 _UNIT = (
     rf"(?!(?:{'|'.join(_NO_UNITS)})\b|\w+\()[^\W\d_][^\W\d]*"
-    r"(?:(?:\^|\*\*)-?\d(?![\w.])|\d(?![\w.])|[²³])?(?!\w)"
+    r"(?:(?:\^|\*\*)-?[0-9](?![\w.])|[0-9](?![\w.])|[²³])?(?!\w)"
 )
 _UNITS = re.compile(rf"\s*(?P<unit>{_UNIT}(?:(?:\s*(?:\*(?!\*)|/|·)\s*|\s+){_UNIT})*|°|%)")
 _NAMED = re.compile(rf"\b(?:{'|'.join((*VARIABLES, *_CONSTANTS))})\b")

@@ -10,6 +10,9 @@ from forms.effect import Effect, Needs
 from .expression import Expression
 from .scene import Scene, SceneEffect
 
+#: What an effect may say that it resists.
+RESISTIBLE = ("stretching", "shearing", "slipping", "curving")
+
 
 def needs_of(effects: Iterable[Effect]) -> Needs:
     """Return what some effects need together."""

@@ -24,7 +24,8 @@ from forms.effect import Effect
 
 from . import units
 from .files import existing_file
-from .problems import wrong
+from .needs import RESISTIBLE
+from .problems import one_of, wrong
 
 FILE = "file"
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
@@ -72,6 +73,11 @@ def _own_effect(key: str, value: Any, folder: Path) -> OwnEffect:
         raise wrong(
             f"{value} defines the effect '{effect.name}', not '{key}'",
             f"Use '{effect.name}' as the key here, or set name=\"{key}\" there.",
+        )
+    if unknown := sorted(effect.resists - set(RESISTIBLE)):
+        raise wrong(
+            f"{value}: the effect resists '{unknown[0]}', which is not known",
+            f"It may be {one_of(RESISTIBLE)}.",
         )
     _check_parameters(effect, value)
     return OwnEffect(effect, path)

@@ -52,7 +52,7 @@ class Varying(Quantity):
     ) -> Json:
         """Describe a number in SI, or text with a unit or a formula."""
         name, example = units.KINDS.get(self.unit, ("a value", f"1 {self.unit}"))
-        number = {"type": "number", "description": f"{name} in {self.unit or '1'}"}
+        number = {"type": "number", "description": f"{name} in {self.unit}".removesuffix(" in ")}
         formula = f"or a formula of {', '.join(self.variables)}"
         text = {"type": "string", "description": f"'{example}', {formula}"}
         return self._or_words([number | self.bounds(), text]) | {

@@ -1,0 +1,91 @@
+"""All 64 combinations of the six effects of the paper: which make a sheet, and why not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from ruamel.yaml import YAML
+
+from wovenfab.case import CaseError, read_case
+from wovenfab.simulation.assemble import constraints_of, model_of, sheet_of
+
+VERDICTS = YAML(typ="safe").load(Path(__file__).with_name("combinations.yaml"))
+RUNS = VERDICTS["runs"]
+REFUSED = [(names, reason) for reason in VERDICTS if reason != "runs" for names in VERDICTS[reason]]
+
+EFFECTS = {
+    "stretch": "{stiffness: 1.27e8 N/m}",
+    "shear": "{stiffness: 400 N/m}",
+    "bending": "{stiffness: 254.1 N*m}",
+    "coupling": "{stiffness: 6.0e7 N/m^3}",
+    "slip_friction": "{strength: 199.2 kN/m^2, slope: 70 s/m}",
+    "spin_friction": "{strength: 30 N/m, slope: 40 s}",
+}
+WriteCase = Callable[[str], Path]
+
+
+def case_of(names: list[str]) -> str:
+    lines = [f"  {name}: {EFFECTS[name]}" for name in names]
+    return "\n".join(
+        [
+            "sheet: {length: 0.9 m, width: 0.3 m, fibres: [45 deg, -45 deg]}",
+            "effects:" if lines else "effects: {}",
+            *lines,
+            "boundary: {left: clamp, right: {displacement: [program, 0]}}",
+            "program: {type: ramp, to: 40 mm, steps: 4, velocity: 0.5 m/s}",
+            "discretisation: {degree: 2, mesh_size: 150 mm}",
+        ]
+    )
+
+
+def name_of(names: object) -> str | None:
+    return "+".join(names) or "nothing" if isinstance(names, list) else None
+
+
+def test_the_table_has_every_combination_once() -> None:
+    listed = [frozenset(names) for group in VERDICTS.values() for names in group]
+    every = {frozenset(c) for n in range(7) for c in combinations(EFFECTS, n)}
+    assert len(listed) == len(every) == 64
+    assert set(listed) == every
+
+
+@pytest.mark.parametrize("names", RUNS, ids=name_of)
+def test_a_combination_that_makes_a_sheet_is_taken(names: list[str], write_case: WriteCase) -> None:
+    assert set(read_case(write_case(case_of(names))).effects) == set(names)
+
+
+@pytest.mark.parametrize(("names", "reason"), REFUSED, ids=name_of)
+def test_a_combination_that_makes_none_is_refused_with_the_reason(
+    names: list[str], reason: str, write_case: WriteCase
+) -> None:
+    with pytest.raises(CaseError) as caught:
+        read_case(write_case(case_of(names)))
+    (problem,) = caught.value.problems
+    assert (problem.key, problem.message) == ("effects", reason)
+    assert problem.remedy.startswith("That takes ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", RUNS, ids=name_of)
+def test_a_combination_that_is_taken_is_stable_at_rest(
+    names: list[str], write_case: WriteCase
+) -> None:
+    """The tangent of a first step, scaled to a unit diagonal, is positive definite."""
+    from dolfinx.fem.petsc import assemble_matrix
+
+    case = read_case(write_case(case_of(names)))
+    model = model_of(case, sheet_of(case, MPI.COMM_SELF))
+    for weight, value in zip(model.rate_weights, (100.0, -100.0, 0.0), strict=False):
+        weight.value = value
+    matrix = assemble_matrix(model.jacobian, bcs=constraints_of(case, model).bcs)
+    matrix.assemble()
+    dense = matrix.convert("dense").getDenseArray()
+    scale = np.sqrt(np.diag(dense))
+    least = np.linalg.eigvalsh((dense + dense.T) / 2 / np.outer(scale, scale))[0]
+    matrix.destroy()
+    assert least > 1e-8

@@ -1,0 +1,250 @@
+"""On several ranks the result is that of one: forces, energies, iterations, failures.
+
+Every rank solves the same scene alone as well, on a communicator of its own. Forms are
+compiled by all ranks together first, so that no two compile the same one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem, la
+from mpi4py import MPI
+
+from forms.balance import Balance, Line
+from forms.kinematics import Facet
+from tests import scenes
+from wovenfab.model.compiler import compile_form
+from wovenfab.model.model import Model, Numerics
+from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle
+from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.solver import equilibrium as solver_module
+from wovenfab.solver.equilibrium import Controls
+from wovenfab.stepping.march import March, Step, StepFailedError
+from wovenfab.stepping.program import Program, cycle, program_of, ramp
+from wovenfab.stepping.scheme import SCHEMES
+
+pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
+COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
+MESHES = Path(__file__).parents[2] / "meshes"
+SLIDING = (*scenes.COUPLED, "slip_friction")
+ONE_CYCLE = program_of(cycle(0.0, 0.04, 0.25, 8))
+
+
+def structured(comm: MPI.Comm) -> Sheet:
+    return scenes.sheet(mesh_size=0.075, comm=comm)
+
+
+def dogbone(comm: MPI.Comm) -> Sheet:
+    return Sheet(*from_file(comm, MESHES / "dogbone.geo", 0.06), directions(scenes.BIAS))
+
+
+def graded(comm: MPI.Comm) -> Sheet:
+    parts = graded_rectangle(comm, 0.9, 0.3, 0.1, 0.02)
+    return Sheet(*parts, directions(scenes.BIAS))
+
+
+def numbers(steps: list[Step]) -> list[dict[str, float]]:
+    """Return forces, energies and work of each step by name."""
+    return [
+        {
+            **{f"{e} {i}": f[i] for e, f in s.reactions.items() for i in (0, 1)},
+            **{f"stored {n}": v for n, v in s.stored.items()},
+            **{f"dissipated {n}": v for n, v in s.dissipated.items()},
+            "work": s.work,
+        }
+        for s in steps
+    ]
+
+
+def compare(
+    place: Callable[[MPI.Comm], Sheet],
+    names: tuple[str, ...],
+    numerics: Numerics,
+    program: Program,
+    scheme: str,
+) -> None:
+    """Assert that all ranks together and each alone march through the same states."""
+    models = [scenes.model(place(comm), names, numerics) for comm in (COMM, ALONE)]
+    assert models[0].unknowns == models[1].unknowns
+    together, alone = (scenes.march(model, program, scheme) for model in models)
+    assert [s.iterations for s in together] == [s.iterations for s in alone]
+    assert [s.time for s in together] == [s.time for s in alone]
+    peak = max(abs(f) for s in alone for f in s.reactions["right"])
+    energy = max(sum(s.stored.values()) for s in alone)
+    for found, expected in zip(numbers(together), numbers(alone), strict=True):
+        assert found.keys() == expected.keys()
+        for key, value in expected.items():
+            scale = peak if key[-1] in "01" else energy
+            assert found[key] == pytest.approx(value, rel=1e-8, abs=1e-8 * scale), key
+    assert COMM.allgather(numbers(together)) == [numbers(together)] * COMM.size
+    assert energy > 0 and peak > 100
+
+
+@pytest.mark.parametrize("place", [structured, graded, dogbone])
+def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(
+    place: Callable[[MPI.Comm], Sheet],
+) -> None:
+    program = program_of([ramp(0.0, 0.04, 1.0, 4)])
+    compare(place, scenes.BONDED, scenes.PROTOTYPE, program, "backward-euler")
+
+
+@pytest.mark.parametrize("names", [scenes.BONDED, SLIDING], ids=["one", "two placements"])
+def test_grips_that_several_ranks_share_have_the_same_reactions(names: tuple[str, ...]) -> None:
+    """A broad sheet, which is cut across its grips; elsewhere ranks have one grip each."""
+
+    def broad(comm: MPI.Comm) -> Sheet:
+        return scenes.sheet(0.2, 1.6, 0.1, comm=comm)
+
+    on = broad(COMM)
+    own = on.mesh.topology.index_map(1).size_local
+    holders = COMM.allgather(bool((on.edge_facets("left") < own).any()))
+    assert sum(holders) > 1
+    program = program_of([ramp(0.0, 1e-3, 1.0, 2)])
+    compare(broad, names, scenes.PROTOTYPE_TWO_STEPS, program, "bdf2")
+
+
+@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+def test_two_placements_with_slip_friction_have_the_same_loop(scheme: str) -> None:
+    compare(structured, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, scheme)
+
+
+def test_two_placements_on_a_gmsh_mesh_have_the_same_loop() -> None:
+    compare(graded, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, "bdf2")
+
+
+def wavy(model: Model) -> None:
+    """Set a smooth, strongly deformed state that does not depend on the numbering."""
+    scenes.set_field(
+        model.field,
+        lambda x: np.array([0.03 * np.sin(9 * x[0] + 5 * x[1]), 0.02 * np.cos(7 * x[0] * x[1])]),
+    )
+
+
+def own_force(model: Model, form: fem.Form) -> np.ndarray:
+    """Return the assembled force at the rank's own unknowns."""
+    vector = fem.assemble_vector(form)
+    vector.scatter_reverse(la.InsertMode.add)
+    own = model.space.dofmap.index_map.size_local * model.space.dofmap.index_map_bs
+    return vector.array[:own].copy()
+
+
+@pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
+def test_the_assembled_force_is_the_same_at_every_place(names: tuple[str, ...]) -> None:
+    found = []
+    for comm in (COMM, ALONE):
+        model = scenes.model(structured(comm), names, scenes.PROTOTYPE)
+        wavy(model)
+        force = own_force(model, model.residual).reshape(-1, 2 * model.placements)
+        places = model.space.tabulate_dof_coordinates()[: len(force), :2]
+        if comm.size > 1:
+            force = np.concatenate(comm.allgather(force))
+            places = np.concatenate(comm.allgather(places))
+        order = np.lexsort(np.round(places, 9).T)
+        found.append((places[order], force[order], scenes.energy(model)))
+    (places, force, energy), (expected_places, expected, alone) = found
+    assert places == pytest.approx(expected_places, abs=1e-12)
+    assert force == pytest.approx(expected, rel=1e-9, abs=1e-12 * np.abs(expected).max())
+    assert energy == pytest.approx(alone, rel=1e-12)
+
+
+def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Ranks may see the sides of a shared facet in different order."""
+    model = scenes.model(structured(COMM), scenes.BONDED, scenes.PROTOTYPE)
+    wavy(model)
+    as_built, whole = own_force(model, model.residual), Balance.lines
+
+    def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
+        return [f_minus, f_plus, g_minus, g_plus]
+
+    def swap(line: Line) -> Line:
+        other = replace(line.place, along=-line.place.along)
+        other = other.with_measures(reorder(*line.place.measures))
+        return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
+
+    def swapped(self: Balance) -> list[Line]:
+        return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self)]
+
+    monkeypatch.setattr(Balance, "lines", swapped)
+    form = compile_form(model.balance.residual(ufl.TestFunction(model.space)))
+    other = own_force(model, form)
+    assert other == pytest.approx(as_built, rel=1e-9, abs=1e-12 * np.abs(as_built).max())
+
+
+def failed(program: Program, controls: Controls) -> tuple[int, str, bool]:
+    """Return accepted steps, the failure's message and whether the field was restored."""
+    model = scenes.model(scenes.sheet(0.6, mesh_size=0.075), scenes.BONDED, scenes.PROTOTYPE)
+    constraints, equilibrium = scenes.solver(model, controls=controls)
+    march = March(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 0.4)
+    accepted, last = 0, np.zeros(0)
+    with pytest.raises(StepFailedError) as failure:
+        for _ in march.steps():
+            accepted += 1
+            last = model.field.x.array.copy()
+    equilibrium.destroy()
+    return accepted, str(failure.value), bool((model.field.x.array == last).all())
+
+
+def test_a_failure_at_the_barrier_reaches_every_rank_alike() -> None:
+    program = program_of([ramp(0.0, 0.02, 1.0, 2), ramp(0.02, 5.0, 1.0, 1)])
+    accepted, message, restored = failed(program, Controls(max_iterations=8))
+    assert accepted >= 3 and restored
+    assert COMM.allgather((accepted, message, restored)) == [(accepted, message, True)] * COMM.size
+
+
+def test_a_nan_on_one_rank_stops_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = solver_module.fem_petsc.assemble_vector
+
+    def assemble(b: object, form: object, *more: object) -> object:
+        result = whole(b, form, *more)
+        if COMM.rank == COMM.size - 1:
+            b.array_w[:] = np.nan  # type: ignore[attr-defined]
+        return result
+
+    monkeypatch.setattr(solver_module.fem_petsc, "assemble_vector", assemble)
+    program = program_of([ramp(0.0, 0.02, 1.0, 2)])
+    accepted, message, _ = failed(program, Controls())
+    assert accepted == 1
+    assert "DIVERGED_FNORM_NAN" in message
+    assert COMM.allgather(message) == [message] * COMM.size
+
+
+def test_the_step_limit_is_that_of_the_worst_rank() -> None:
+    limits = []
+    for comm in (COMM, ALONE):
+        model = scenes.model(structured(comm), scenes.BONDED, scenes.PROTOTYPE)
+        _, equilibrium = scenes.solver(model)
+        # Families cross first near the right end, on one rank.
+        scenes.set_field(
+            equilibrium.barrier.step, lambda x: np.array([0.2 * x[0] ** 3, -0.3 * x[0] ** 2 * x[1]])
+        )
+        limits.append(equilibrium.barrier.limit())
+        equilibrium.destroy()
+    assert np.isfinite(limits[1])
+    assert limits[0] == pytest.approx(limits[1], rel=1e-12)
+    assert COMM.allgather(limits[0]) == [limits[0]] * COMM.size
+
+
+def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(tmp_path: Path) -> None:
+    path = COMM.bcast(tmp_path / "missing.geo")
+    with pytest.raises(GeometryError, match=r"missing\.geo"):
+        from_file(COMM, path, None)
+
+
+def test_edges_have_the_same_facets_on_all_ranks_together() -> None:
+    for place in (structured, dogbone):
+        counts = []
+        for comm in (COMM, ALONE):
+            on = place(comm)
+            own = on.mesh.topology.index_map(1).size_local
+            mine = {edge: int((on.edge_facets(edge) < own).sum()) for edge in on.edges}
+            counts.append({edge: comm.allreduce(n) for edge, n in mine.items()})
+        assert counts[0] == counts[1]
+        assert min(counts[1].values()) > 0
