@@ -153,6 +153,19 @@ def test_check_says_what_would_be_built_and_writes_nothing(folder: Path, tmp_pat
     assert not list(tmp_path.iterdir())
 
 
+def test_check_says_what_an_effect_would_bring_and_which_does_nothing(
+    folder: Path,
+) -> None:
+    told = wovenfab(
+        "check", "small.yaml", "--set", "effects.spin_friction.strength=0", cwd=folder
+    ).stdout
+    assert "spin_friction has a value of zero and changes nothing: leave it out" in told
+    assert "adding coupling would bring a second placement and twice the unknowns" in told
+    without = wovenfab("check", "small.yaml", "--set", "effects.spin_friction=null", cwd=folder)
+    assert "one placement, facet integrals (bending), rate-independent:" in without.stdout
+    assert "adding spin_friction would bring rates, history and time" in without.stdout
+
+
 def test_schema_is_json_and_version_is_said(tmp_path: Path) -> None:
     schema = json.loads(wovenfab("schema", cwd=tmp_path).stdout)
     assert "stretch" in json.dumps(schema)

@@ -50,10 +50,7 @@ def whole(length: float, width: float, mesh_size: float, fibres: tuple[float, fl
 
 
 def slider(fibres: tuple[float, float] = ALONG, eta: float = ETA) -> Model:
-    values = {
-        "coupling": {"stiffness": K_C},
-        "slip_friction": {"strength": ZETA, "slope": eta},
-    }
+    values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA, "slope": eta}}
     return scenes.model(whole(0.2, 0.1, 0.1, fibres), SLIDER, TWO_STEPS, values)
 
 

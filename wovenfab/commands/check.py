@@ -6,7 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from forms.catalogue import effects
+from forms.effect import Needs
 from wovenfab.case import Case, read_case
+from wovenfab.case.needs import acting
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import Voice
 
@@ -37,25 +40,49 @@ def count_unknowns(case: Case, sheet: Sheet) -> int:
 
 
 def describe(case: Case, unknowns: int, steps: int) -> list[str]:
-    """Return in words what a run would build."""
+    """Return in words what a run would build, and what other effects would change."""
     needs = case.needs
-    placements = "two placements" if needs.placements == 2 else "one placement"
-    facets = "facet integrals (bending)" if needs.second_gradient else "no facet integrals"
+    curving = [e.name for e in case.scene if e.effect.needs.second_gradient]
+    facets = f"facet integrals ({', '.join(curving)})" if curving else "no facet integrals"
     time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
+    inert = [e.name for e in case.scene if e not in acting(case.scene)]
+    added = [e for name, e in effects().items() if name not in case.effects]
     return [
         f"{case.name}: {case.title}" if case.title else case.name,
         f"effects: {', '.join(case.effects)}",
-        f"{placements}, {facets}, {time}: {_grouped(unknowns)} unknowns, {steps} load steps, "
-        f"about {memory(unknowns) / 1e9:.1f} GB of memory",
+        f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
+        f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
+        *(
+            f"{name} has a zero among its values: it changes nothing, leave it out"
+            for name in inert
+        ),
+        *(f"adding {e.name} would bring {_brought(needs, e.needs)}" for e in added),
         "the case is valid",
     ]
+
+
+PLACEMENTS = {1: "one placement", 2: "two placements"}
+
+
+def _brought(now: Needs, more: Needs) -> str:
+    """Return in words what an effect with other needs would bring to a scene."""
+    news = (
+        (more.placements > now.placements, "a second placement and twice the unknowns"),
+        (
+            more.second_gradient and not now.second_gradient,
+            "second gradients and facet integrals",
+        ),
+        (more.rate and not now.rate, "rates, history and time"),
+    )
+    found = [what for is_new, what in news if is_new]
+    return " and ".join(found) or "its own terms only"
 
 
 def memory(unknowns: int) -> float:
     """Return a rough estimate of the memory of a run on one rank (bytes).
 
-    Fitted to runs of 8 000 to 500 000 unknowns, P3 with two placements; ``make bench``
-    prints the measured values beside it.
+    Fitted to the peak memory of a step with 8 000 to 500 000 unknowns, P3 with two
+    placements; fewer couplings between unknowns need less.
     """
     return float(1.0e8 + 7.0e3 * unknowns * (max(unknowns, 1) / 8e3) ** 0.09)
 
