@@ -52,10 +52,7 @@ def describe(case: Case, unknowns: int, steps: int) -> list[str]:
         f"effects: {', '.join(case.effects)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
         f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
-        *(
-            f"{name} has a zero among its values: it changes nothing, leave it out"
-            for name in inert
-        ),
+        *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
         *(f"adding {e.name} would bring {_brought(needs, e.needs)}" for e in added),
         "the case is valid",
     ]

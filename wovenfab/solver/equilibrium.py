@@ -239,13 +239,15 @@ class Equilibrium:
         # An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
         blurred = self._blur * np.sqrt(2 * abs(start) * self._stiffness)
         slack = max(ROUND_OFF * max(abs(start), self._energy_scale), blurred)
-        trial = start
+        trial: float | None = start
         for _ in range(HALVINGS):
             field.x.array[:] = last.x.array + length * step.x.array
             trial = self._energy()
             if np.isfinite(trial) and trial <= start - DECREASE * length * slope + slack:
                 break
             length /= 2
+        else:
+            trial = None  # not evaluated at the length that is returned
         self._potential = trial
         self._decrement = abs(slope) if length == 1.0 else np.inf
         return length
