@@ -1,0 +1,95 @@
+"""Dead loads, one family of an edge, and values that vary over the sheet, in closed form."""
+
+from __future__ import annotations
+
+from math import pi
+
+import numpy as np
+import pytest
+import ufl
+
+from forms.catalogue import effects
+from tests import scenes
+from wovenfab.model.constraints import Constraints, Grip, Held
+from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
+from wovenfab.solver.equilibrium import Controls, Equilibrium
+
+STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
+STRETCHED = {"stretch": {"stiffness": (STIFFNESS, STIFFNESS)}, "shear": {"stiffness": 400.0}}
+
+
+def strip(values: dict, loads: tuple[EdgeLoad, ...] = ()) -> Model:
+    """Return a strip with its first family along it."""
+    sheet = scenes.sheet(LENGTH, WIDTH, 0.15, fibres=(0.0, pi / 2))
+    chosen = [effects()[name] for name in values]
+    return build_model(sheet, chosen, values, Numerics(2), loads=loads)
+
+
+def solve(model: Model, grips: tuple[Grip, ...], program: float) -> dict[str, tuple[float, float]]:
+    """Return the reactions (N) of one step from rest."""
+    constraints = Constraints(model.space, model.sheet, grips)
+    equilibrium = Equilibrium(model, constraints, Controls(tolerance=1e-12))
+    constraints.set(program)
+    assert equilibrium.solve().converged
+    reactions = constraints.reactions(equilibrium.force)
+    equilibrium.destroy()
+    return reactions
+
+
+def test_a_dead_load_stretches_a_strip_by_force_over_stiffness() -> None:
+    load = 120.0
+    model = strip(STRETCHED, (EdgeLoad("right", (0, 1), (load, 0.0)),))
+    held = solve(model, (Grip("left", scenes.CLAMP),), 0.0)
+    tip = model.field.x.array.reshape(-1, 2)[:, 0].max()
+    assert tip == pytest.approx(load / STIFFNESS * LENGTH, rel=1e-9)
+    assert held["left"] == pytest.approx((-load * WIDTH, 0.0), abs=1e-8)
+    assert model.load_work() == pytest.approx(load * WIDTH * tip, rel=1e-9)
+
+
+def test_a_stiffness_that_varies_along_the_strip_acts_as_springs_in_series() -> None:
+    """K(x) = K_0 (1 + x/L): the compliance is the integral of 1/K, L log(2)/K_0."""
+    values = {
+        **STRETCHED,
+        "stretch": {"stiffness": (lambda x: STIFFNESS * (1 + x[0] / LENGTH),) * 2},
+    }
+    load = 10.0
+    model = strip(values, (EdgeLoad("right", (0, 1), (load, 0.0)),))
+    solve(model, (Grip("left", scenes.CLAMP),), 0.0)
+    tip = model.field.x.array.reshape(-1, 2)[:, 0].max()
+    assert tip == pytest.approx(load * LENGTH * np.log(2) / STIFFNESS, rel=1e-4)
+
+
+def test_a_bending_stiffness_may_vary_over_the_facets_too() -> None:
+    sheet = scenes.sheet()
+    names = [effects()[n] for n in scenes.BONDED]
+    field = {"stiffness": (lambda x: 254.1 + 0 * ufl.sin(x[0]),) * 2}
+    varied = build_model(sheet, names, {**scenes.TABLE_1, "bending": field}, Numerics(2))
+    same = scenes.model(sheet, scenes.BONDED)
+    expected = scenes.force(same, scenes.PULL, 0.02)["right"][0]
+    assert scenes.force(varied, scenes.PULL, 0.02)["right"][0] == pytest.approx(expected, rel=1e-9)
+
+
+def test_an_edge_may_hold_one_family_alone() -> None:
+    """The cross yarns are pulled; those along the strip follow by the coupling, and lag."""
+    model = strip({**STRETCHED, "coupling": {"stiffness": 6e5}})
+    grips = (Grip("left", scenes.CLAMP), Grip("right", (Held(1.0), Held()), families=(1,)))
+    solve(model, grips, 0.01)
+    ends = np.isclose(model.space.tabulate_dof_coordinates()[:, 0], LENGTH)
+    along, across = model.field.x.array.reshape(-1, 4)[ends][:, [0, 2]].T
+    assert across == pytest.approx(0.01)
+    assert (along < 0.0099).all()
+
+
+def test_a_prescribed_field_turns_the_sheet_without_force() -> None:
+    def turned(axis: int) -> Held:
+        def field(x: np.ndarray, y: np.ndarray, angle: float) -> np.ndarray:
+            c, s = np.cos(angle), np.sin(angle)
+            return (c - 1) * x - s * y if axis == 0 else s * x + (c - 1) * y
+
+        return Held(field=field)
+
+    model = scenes.model(scenes.sheet(), scenes.BONDED)
+    grip = (turned(0), turned(1))
+    held = solve(model, (Grip("left", grip), Grip("right", grip)), 0.4)
+    assert np.abs(np.array(list(held.values()))).max() < 1e-4
+    assert sum(model.stored_energy().values()) < 1e-12
