@@ -59,7 +59,9 @@ def _stack(
     )
     bars = axes.barh(names, rest, left=both, color=QUIET, height=0.65, label="rest")
     axes.bar_label(bars, labels=[f"{s:.0f}" for s in step], padding=2, fontsize=7)
-    axes.legend(loc="lower right", fontsize=6.5)
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.05, 1.0), ncols=3, fontsize=6.5, columnspacing=0.8
+    )
     _finish(axes, "a step (ms)")
 
 
