@@ -70,7 +70,7 @@ def solver(
     of: Model, grips: Sequence[Grip] = PULL, controls: Controls | None = None
 ) -> tuple[Constraints, Equilibrium]:
     """Return constraints and solver of a model."""
-    constraints = Constraints(of.space, of.sheet, grips)
+    constraints = Constraints(of.placements, of.sheet, grips)
     return constraints, Equilibrium(of, constraints, controls or Controls())
 
 
@@ -111,5 +111,5 @@ def energy(of: Model) -> float:
 
 def set_field(function: fem.Function, displacement: object) -> None:
     """Interpolate the same displacement (x -> (2, n)) into every placement."""
-    size = function.function_space.dofmap.index_map_bs // 2
+    size = function.function_space.value_shape[0] // 2
     function.interpolate(lambda x: np.vstack([displacement(x)] * size))  # type: ignore[operator]

@@ -37,3 +37,25 @@ def mesh_from_gmsh(model: Any, comm: MPI.Comm, rank: int = 0) -> tuple[Any, Any,
         return mesh, facets, names
     data = dolfinx.io.gmsh.model_to_mesh(model, comm, rank, gdim=2, partitioner=partitioner)
     return data.mesh, data.facet_tags, names
+
+
+def space_with(mesh: Any, element: Any, index_map: Any, cells: Any, block: int = 2) -> Any:
+    """Return the space of an element with a dof map of one's own.
+
+    Args:
+        mesh: The mesh.
+        element: Element of basix.ufl.
+        index_map: Distribution of the blocks over the ranks.
+        cells: Blocks of each local cell, shape (cells, n), int32.
+        block: Unknowns in a block.
+    """
+    usual = dolfinx.fem.functionspace(mesh, element)
+    layout, kind = usual.dofmap.dof_layout, type(usual._cpp_object)
+    blocks = dolfinx.cpp.graph.AdjacencyList_int32(cells)
+    dofmap = dolfinx.cpp.fem.DofMap(layout, index_map, block, blocks, block)
+    parts = (mesh._cpp_object, usual._cpp_object.element, dofmap)
+    try:
+        space = kind(*parts, usual.value_shape)
+    except TypeError:  # 0.10 takes the shape from the element
+        space = kind(*parts)
+    return dolfinx.fem.FunctionSpace(mesh, element, space)

@@ -40,3 +40,13 @@ def on_root(comm: MPI.Comm, action: Callable[[], None]) -> None:
         except Exception as error:
             problem = error
     agree(comm, problem)
+
+
+def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
+    """Return what ``make`` gives on rank 0, and ``elsewhere`` on the others; collective.
+
+    What it raises is raised on every rank.
+    """
+    made: list[T] = []
+    on_root(comm, lambda: made.append(make()))
+    return made[0] if made else elsewhere

@@ -63,8 +63,8 @@ def test_defaults_follow_from_sheet_and_effects(example: str, write_case: WriteC
     for line in ("coupling", "slip_friction", "bending"):
         text = "\n".join(row for row in text.split("\n") if f"  {line}:" not in row)
     case = read_case(write_case(text))
-    assert case.discretisation.mesh_size == pytest.approx(0.03)
-    assert case.discretisation.mesh == "crossed"
+    assert case.discretisation.mesh_size == pytest.approx(0.075)
+    assert case.discretisation.mesh == "fibres"
     assert case.output.fields == ("displacement", "shear_angle", "stretch")
     assert not case.needs.second_gradient
     assert case.needs.placements == 1

@@ -7,7 +7,6 @@ from itertools import count
 
 import numpy as np
 import pytest
-from dolfinx import fem
 
 from tests import scenes
 from wovenfab.model.model import Model
@@ -153,7 +152,7 @@ def poisoned(monkeypatch: pytest.MonkeyPatch, calls: range, where: object) -> No
 
 
 def held_unknowns(model: Model) -> np.ndarray:
-    return fem.locate_dofs_topological(model.space.sub(0), 1, model.sheet.edge_facets("right"))
+    return 2 * model.placements.on_facets(model.sheet.edge_facets("right"), 0)
 
 
 @pytest.mark.parametrize("everywhere", [True, False], ids=["everywhere", "at the grip alone"])

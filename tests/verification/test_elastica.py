@@ -9,7 +9,6 @@ from __future__ import annotations
 from math import asin, pi, sin, sqrt
 
 import numpy as np
-from dolfinx import fem
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 
@@ -50,7 +49,7 @@ def errors(cells: int) -> np.ndarray:
     deflections = [elastica(load)[1] for load in LOADS]
     program = program_of(table(0.0, (1.0, 2.0, 3.0, 4.0), deflections))
     constraints, equilibrium = scenes.solver(model, GRIPS)
-    tip = fem.locate_dofs_topological(model.space.sub(0), 1, on.edge_facets("right"))
+    tip = 2 * model.placements.on_facets(on.edge_facets("right"), 0)
     found = []
     march = March(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 1 / 64)
     for step in march.steps():

@@ -27,7 +27,7 @@ def strip(values: dict, loads: tuple[EdgeLoad, ...] = ()) -> Model:
 
 def solve(model: Model, grips: tuple[Grip, ...], program: float) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) of one step from rest."""
-    constraints = Constraints(model.space, model.sheet, grips)
+    constraints = Constraints(model.placements, model.sheet, grips)
     equilibrium = Equilibrium(model, constraints, Controls(tolerance=1e-12))
     constraints.set(program)
     assert equilibrium.solve().converged
@@ -74,7 +74,7 @@ def test_an_edge_may_hold_one_family_alone() -> None:
     model = strip({**STRETCHED, "coupling": {"stiffness": 6e5}})
     grips = (Grip("left", scenes.CLAMP), Grip("right", (Held(1.0), Held()), families=(1,)))
     solve(model, grips, 0.01)
-    ends = np.isclose(model.space.tabulate_dof_coordinates()[:, 0], LENGTH)
+    ends = np.isclose(model.placements.positions[:, 0], LENGTH)
     along, across = model.field.x.array.reshape(-1, 4)[ends][:, [0, 2]].T
     assert across == pytest.approx(0.01)
     assert (along < 0.0099).all()

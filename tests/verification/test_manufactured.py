@@ -77,13 +77,15 @@ def solve(model: Model) -> None:
     """Solve for the manufactured load with the exact values held on the boundary."""
     mesh, space = model.sheet.mesh, model.space
     x = ufl.SpatialCoordinate(mesh)
-    u, test = exact(x, space.dofmap.index_map_bs), ufl.TestFunction(space)
+    u, test = exact(x, space.value_shape[0]), ufl.TestFunction(space)
     held = fem.Function(space)
     points = space.element.interpolation_points
     held.interpolate(fem.Expression(u, points() if callable(points) else points))
     mesh.topology.create_connectivity(1, 2)
     edge = exterior_facet_indices(mesh.topology)
-    bc = fem.dirichletbc(held, fem.locate_dofs_topological(space, 1, edge))
+    families = range(model.placements.count)
+    blocks = np.sort(np.concatenate([model.placements.on_facets(edge, a) for a in families]))
+    bc = fem.dirichletbc(held, blocks)
     force = fem_petsc.assemble_vector(compile_form(load(model, u, test)))
     force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     model.field.x.array[:] = held.x.array

@@ -216,13 +216,8 @@ def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
 @_rule
 def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Iterator[Finding]:
     given = discretisation
+    mesh = given.mesh or "fibres"
     if isinstance(sheet, Rectangle):
-        if given.corner_size and given.mesh != "unstructured":
-            yield (
-                ("discretisation", "corner_size"),
-                "only an unstructured mesh can be graded",
-                "Add 'mesh: unstructured'.",
-            )
         side = min(sheet.length, sheet.width)
         if given.mesh_size and given.mesh_size > side:
             yield (
@@ -230,9 +225,19 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
                 f"is larger than the shorter side, {side:g} m",
                 "",
             )
-        return
-    fixed = ("mesh", "corner_size") + (("mesh_size",) if sheet.file.suffix == ".msh" else ())
-    for key in fixed:
-        if getattr(given, key) is not None:
-            reason = f"does not apply to {sheet.file.name}"
-            yield ("discretisation", key), reason, "Leave this key out."
+        graded: tuple[str, ...] = ("fibres", "unstructured")
+    else:
+        made = sheet.file.suffix == ".msh"
+        known = ("fibres", "unstructured") if not made else ()
+        graded = ("fibres",) if not made else ()
+        fixed = ("mesh", "mesh_size") if made else () if mesh in known else ("mesh",)
+        for key in fixed:
+            if getattr(given, key) is not None:
+                reason = f"does not apply to {sheet.file.name}"
+                yield ("discretisation", key), reason, "Leave this key out."
+    if given.corner_size and mesh not in graded:
+        reason = f"a mesh that is {mesh} cannot be graded" if given.mesh else "does not apply here"
+        yield ("discretisation", "corner_size"), reason, "Leave this key out."
+    if given.jumps and (mesh != "fibres" or not graded):
+        reason = "placements can jump on a mesh along the fibres alone"
+        yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."

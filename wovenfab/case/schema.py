@@ -90,7 +90,7 @@ Sheet = Annotated[
     Discriminator(_form),
 ]
 
-Mesh = Literal["crossed", "right", "unstructured"]
+Mesh = Literal["fibres", "crossed", "right", "unstructured"]
 
 
 class Discretisation(Section):
@@ -100,13 +100,20 @@ class Discretisation(Section):
     """Degree of the elements: 2 to 4; 1 only where no effect needs second derivatives."""
 
     mesh_size: Size | None = Field(default=None, examples=["50 mm"])
-    """Size of the cells; a tenth of a rectangle's shorter side unless given."""
+    """Size of the cells; unless given a quarter of a rectangle's shorter side, or a tenth of it
+    where they do not follow the fibres."""
 
     mesh: Mesh | None = None
-    """How a rectangle is divided in triangles; crossed unless given."""
+    """How the sheet is divided in triangles: along its fibres (unless given, and always best),
+    a rectangle also crossed or right, any shape also unstructured."""
+
+    jumps: Annotated[bool, Field(strict=True)] | None = None
+    """Whether each of two placements may jump across the fibres of its own family where these
+    stop being held alike, on a mesh along the fibres; true unless given."""
 
     corner_size: Size | None = Field(default=None, examples=["2 mm"])
-    """Size of the cells at the corners, for an unstructured mesh that is graded."""
+    """Size of the cells at the ends of clamps and at re-entrant corners, for a mesh along the
+    fibres or an unstructured rectangle."""
 
     penalty: Annotated[float | Literal["auto"], Quantity(above=0, words=("auto",))] = "auto"
     """Interior penalty sigma of the second-gradient terms."""

@@ -9,6 +9,7 @@ import numpy as np
 from dolfinx import fem
 from numpy.typing import NDArray
 
+from wovenfab.model.placements import Placements
 from wovenfab.sheet.sheet import Sheet
 
 Array = NDArray[np.float64]
@@ -57,9 +58,7 @@ class _Part:
     Attributes:
         dofs: Its unknowns on this rank, ghosts included.
         owned: Those that the rank owns.
-        positions: Reference positions of ``dofs``, shape (n, 3), m.
-        values: Prescribed values of all unknowns; the part writes those of ``places``.
-        places: Where in ``values`` the values of ``dofs`` stand.
+        positions: Reference positions of ``dofs``, shape (n, 2), m.
     """
 
     edge: str
@@ -68,8 +67,6 @@ class _Part:
     dofs: NDArray[np.int32]
     owned: NDArray[np.int32]
     positions: Array
-    values: fem.Function
-    places: NDArray[np.int32]
 
 
 class Constraints:
@@ -82,36 +79,26 @@ class Constraints:
         edges: Names of the edges that hold anything.
     """
 
-    def __init__(self, space: fem.FunctionSpace, sheet: Sheet, grips: Sequence[Grip]) -> None:
+    def __init__(self, placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> None:
         """Find the unknowns that each grip holds.
 
         Args:
-            space: Space of 2 components a placement.
+            placements: The unknowns.
             sheet: The sheet with its named edges.
             grips: How edges are held.
         """
-        self._comm = space.mesh.comm
+        self._comm = sheet.mesh.comm
         self.edges = tuple(dict.fromkeys(grip.edge for grip in grips))
-        size = space.dofmap.index_map_bs
-        scalar, _ = space.sub(0).collapse()
-        self._parts: list[_Part] = []
-        self.bcs: list[fem.DirichletBC] = []
-        for k in range(size):
-            # One placement stands for both families, two for one each.
-            mine = [g for g in grips if size == 2 or k // 2 in g.families]
-            parts = _component(space, scalar, sheet, k, mine)
-            if parts:
-                dofs = np.concatenate([part.dofs for part in parts])
-                places = np.concatenate([part.places for part in parts])
-                order = np.argsort(dofs)
-                pair = [dofs[order], places[order]]
-                self.bcs.append(fem.dirichletbc(parts[0].values, pair, space.sub(k)))
-            self._parts += parts
+        self._values = fem.Function(placements.space)
+        self._parts = _parts(placements, sheet, grips)
+        held = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
+        dofs = np.sort(np.concatenate(held))
+        self.bcs = [fem.dirichletbc(self._values, [dofs, dofs], placements.space)]
 
     def set(self, program: float) -> None:
         """Prescribe the placements for a program value (m)."""
         for part in self._parts:
-            part.values.x.array[part.places] = part.held.at(part.positions, program)
+            self._values.x.array[part.dofs] = part.held.at(part.positions, program)
 
     def reactions(self, force: Array) -> dict[str, tuple[float, float]]:
         """Return the force (N) that each edge exerts on the sheet, x and y.
@@ -141,32 +128,29 @@ class Constraints:
     def unmet(self, field: fem.Function) -> bool:
         """Return whether any prescribed value is not yet attained; same on all ranks."""
         mine = any(
-            not np.array_equal(field.x.array[p.dofs], p.values.x.array[p.places])
+            not np.array_equal(field.x.array[p.dofs], self._values.x.array[p.dofs])
             for p in self._parts
         )
         return bool(self._comm.allreduce(int(mine)))
 
 
-def _component(
-    space: fem.FunctionSpace, scalar: fem.FunctionSpace, sheet: Sheet, k: int, grips: Sequence[Grip]
-) -> list[_Part]:
-    """Return the parts of component ``k`` of the space, each unknown in one of them."""
-    size = space.dofmap.index_map_bs
-    own = space.dofmap.index_map.size_local * size
-    everywhere = space.tabulate_dof_coordinates()
-    values = fem.Function(scalar)
-    taken = np.zeros(len(everywhere) * size, dtype=bool)
+def _parts(placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> list[_Part]:
+    """Return what each grip holds, each unknown in one part only; collective."""
+    taken = np.zeros(2 * len(placements.positions), dtype=bool)
     parts = []
     for grip in grips:
-        held = grip.components[k % 2]
-        if held is None:
-            continue
         facets = sheet.edge_facets(grip.edge)
-        dofs, places = fem.locate_dofs_topological((space.sub(k), scalar), 1, facets)
-        free = ~taken[dofs]
-        dofs, places = dofs[free], places[free]
-        taken[dofs] = True
-        # dolfinx 0.9 over-counts owned unknowns on blocked spaces: filter here.
-        owned, positions = dofs[dofs < own], everywhere[dofs // size]
-        parts.append(_Part(grip.edge, k % 2, held, dofs, owned, positions, values, places))
+        # One placement stands for both families, two for one each.
+        families = grip.families if placements.count == 2 else (0,)
+        for family in families:
+            blocks = placements.on_facets(facets, family)
+            for component, held in enumerate(grip.components):
+                if held is None:
+                    continue
+                dofs = 2 * blocks + component
+                free = ~taken[dofs]
+                dofs, positions = dofs[free], placements.positions[blocks[free]]
+                taken[dofs] = True
+                owned = dofs[dofs < placements.owned]
+                parts.append(_Part(grip.edge, component, held, dofs, owned, positions))
     return parts

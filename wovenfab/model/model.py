@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -17,6 +16,7 @@ from mpi4py import MPI
 from forms.balance import Balance, Load, Rate, Term
 from forms.effect import Effect
 from wovenfab.model.compiler import compile_forms
+from wovenfab.model.placements import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
 #: A parameter: a number, or a function of the reference position (UFL in and out).
@@ -66,7 +66,7 @@ class Model:
     Attributes:
         sheet: The meshed sheet.
         effects: The effects of the scene.
-        space: Blocked Lagrange space of 2 components a placement.
+        placements: The unknowns: one placement, or two that may jump.
         field: Present displacement, m.
         last: Displacement of the last iterate (mixed-integration-point tangent).
         history: Displacement at earlier times, latest first; empty without rates.
@@ -79,7 +79,7 @@ class Model:
 
     sheet: Sheet
     effects: tuple[Effect, ...]
-    space: fem.FunctionSpace
+    placements: Placements
     field: fem.Function
     last: fem.Function
     history: tuple[fem.Function, ...]
@@ -98,14 +98,14 @@ class Model:
         return comm
 
     @property
-    def unknowns(self) -> int:
-        """Number of unknowns over all ranks."""
-        return int(self.space.dofmap.index_map.size_global * self.space.dofmap.index_map_bs)
+    def space(self) -> fem.FunctionSpace:
+        """Lagrange space of 2 components a placement."""
+        return self.placements.space
 
     @property
-    def placements(self) -> int:
-        """1 or 2."""
-        return int(self.space.dofmap.index_map_bs) // 2
+    def unknowns(self) -> int:
+        """Number of unknowns over all ranks."""
+        return self.placements.unknowns
 
     @property
     def facet_integrals(self) -> int:
@@ -159,11 +159,9 @@ def build_model(
         loads: Dead loads on edges.
     """
     mesh = sheet.mesh
-    placements = max(e.needs.placements for e in effects)
-    element = basix.ufl.element(
-        "Lagrange", mesh.basix_cell(), numerics.degree, shape=(2 * placements,)
-    )
-    space = fem.functionspace(mesh, element)
+    count = max(e.needs.placements for e in effects)
+    placements = placements_on(mesh, numerics.degree, count, sheet.jumps)
+    space = placements.space
     field, last = fem.Function(space), fem.Function(space)
     kept = numerics.history if any(e.needs.rate for e in effects) else 0
     history = tuple(fem.Function(space) for _ in range(kept))
@@ -204,7 +202,7 @@ def build_model(
     return Model(
         sheet=sheet,
         effects=tuple(effects),
-        space=space,
+        placements=placements,
         field=field,
         last=last,
         history=history,

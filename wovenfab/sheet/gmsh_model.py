@@ -9,10 +9,16 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
+from numpy.typing import NDArray
 
 from wovenfab.compat import mesh_from_gmsh
+from wovenfab.sheet.outline import Outline, outline_of
+
+#: Segments that a full circle of the outline is divided in, at least.
+SEGMENTS = 48
 
 
 class GeometryError(Exception):
@@ -35,17 +41,87 @@ def from_file(
     """
 
     def build(gmsh: Any) -> None:
-        gmsh.open(str(path))
-        if mesh_size is not None:
-            gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size)
-        if not gmsh.model.mesh.getNodes()[0].size:
-            gmsh.model.mesh.generate(2)
-        if not gmsh.model.getPhysicalGroups(2):
-            raise GeometryError(f"{path}: no physical surface; add one, such as Physical Surface")
-        if not gmsh.model.getPhysicalGroups(1):
-            raise GeometryError(f'{path}: no named edges; add, such as Physical Curve("left")')
+        _read(gmsh, path, mesh_size)
 
     return _on_root(comm, build, str(path))
+
+
+def outline_from_file(comm: MPI.Comm, path: Path, mesh_size: float | None) -> tuple[Outline, float]:
+    """Return the outline of a gmsh geometry, and the size of cells it asks for (m); collective.
+
+    Args:
+        comm: Communicator.
+        path: A .geo file.
+        mesh_size: Largest cell size, m; None keeps what the file says.
+
+    Raises:
+        GeometryError: As from :func:`from_file`.
+    """
+    found: list[tuple[Outline, float]] = []
+
+    def build(gmsh: Any) -> None:
+        _read(gmsh, path, mesh_size, _follow_curves)
+        tags, coordinates, _ = gmsh.model.mesh.getNodes()
+        number = {int(tag): i for i, tag in enumerate(tags)}
+        points = coordinates.reshape(-1, 3)[:, :2]
+        triangles = _numbers(gmsh, 2, -1, number)
+        named = {
+            gmsh.model.getPhysicalName(1, group): np.concatenate(
+                [
+                    _numbers(gmsh, 1, int(curve), number)
+                    for curve in gmsh.model.getEntitiesForPhysicalGroup(1, group)
+                ]
+            )
+            for _, group in gmsh.model.getPhysicalGroups(1)
+        }
+        sides = points[triangles] - points[np.roll(triangles, 1, axis=1)]
+        found.append(
+            (outline_of(points, triangles, named), float(np.linalg.norm(sides, axis=2).max()))
+        )
+
+    outline, size = _rooted(
+        comm, build, str(path), lambda _: comm.bcast(found[0] if found else None)
+    )
+    return outline, mesh_size or size
+
+
+def _follow_curves(gmsh: Any) -> None:
+    """Divide curves finely enough for their shape, whatever the size of the cells."""
+    for _, curve in gmsh.model.getEntities(1):
+        if gmsh.model.getType(1, curve) != "Line":
+            (first,), (last,) = gmsh.model.getParametrizationBounds(1, curve)
+            places = np.linspace(first, last, SEGMENTS + 1)
+            slopes = gmsh.model.getDerivative(1, curve, places).reshape(-1, 3)
+            angles = np.unwrap(np.arctan2(slopes[:, 1], slopes[:, 0]))
+            turned = np.abs(np.diff(angles)).sum()
+            parts = max(1, int(np.ceil(turned / (2 * np.pi) * SEGMENTS)))
+            gmsh.model.mesh.setTransfiniteCurve(curve, parts + 1)
+
+
+def _read(
+    gmsh: Any,
+    path: Path,
+    mesh_size: float | None,
+    prepare: Callable[[Any], None] = lambda gmsh: None,
+) -> None:
+    """Open a geometry or mesh, and mesh it, once prepared, unless it is."""
+    gmsh.open(str(path))
+    prepare(gmsh)
+    if mesh_size is not None:
+        gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size)
+    if not gmsh.model.mesh.getNodes()[0].size:
+        gmsh.model.mesh.generate(2)
+    if not gmsh.model.getPhysicalGroups(2):
+        raise GeometryError(f"{path}: no physical surface; add one, such as Physical Surface")
+    if not gmsh.model.getPhysicalGroups(1):
+        raise GeometryError(f'{path}: no named edges; add, such as Physical Curve("left")')
+
+
+def _numbers(gmsh: Any, dim: int, entity: int, number: dict[int, int]) -> NDArray[np.int64]:
+    """Return the vertices of the lines or triangles of an entity, shape (n, dim + 1)."""
+    _, _, nodes = gmsh.model.mesh.getElements(dim, entity)
+    tags = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
+    return np.array([number[int(t)] for t in tags], dtype=np.int64).reshape(-1, dim + 1)
 
 
 def graded_rectangle(
@@ -99,7 +175,30 @@ def _refine_at(gmsh: Any, points: list[int], smallest: float, largest: float, re
 def _on_root(
     comm: MPI.Comm, build: Callable[[Any], None], what: str
 ) -> tuple[Mesh, MeshTags, dict[str, int]]:
-    """Build a gmsh model on rank 0, share it, and fail on all ranks alike."""
+    """Build a gmsh model on rank 0 and share its mesh; collective."""
+
+    def share(model: Any) -> tuple[Mesh, MeshTags, dict[str, int]]:
+        with redirect_stdout(StringIO()):
+            mesh, tags, names = mesh_from_gmsh(model, comm)
+        return mesh, tags, names
+
+    return _rooted(comm, build, what, share)
+
+
+def _rooted[T](
+    comm: MPI.Comm,
+    build: Callable[[Any], None],
+    what: str,
+    use: Callable[[Any], T],
+) -> T:
+    """Build a gmsh model on rank 0, use it, and fail on all ranks alike; collective.
+
+    Args:
+        comm: Communicator.
+        build: Makes the model, on rank 0.
+        what: Its name for messages.
+        use: Called on every rank with the model, which is None but on rank 0.
+    """
     import gmsh  # here because it costs time that most scenes need not pay
 
     problem: str | None = None
@@ -116,9 +215,7 @@ def _on_root(
     try:
         if problem is not None:
             raise GeometryError(problem)
-        with redirect_stdout(StringIO()):
-            mesh, tags, names = mesh_from_gmsh(gmsh.model if comm.rank == 0 else None, comm)
-        return mesh, tags, names
+        return use(gmsh.model if comm.rank == 0 else None)
     finally:
         if comm.rank == 0:
             gmsh.finalize()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, sin
 
 import numpy as np
@@ -19,12 +19,17 @@ class Sheet:
         facets: Facets tagged by the edge they lie on.
         edges: Tag of each named edge.
         fibres: Reference directions D_1, D_2, shape (2, 2), a row a family.
+        jumps: For each family, lines along facets and fibres across which its placement
+            may jump: end points, shape (n, 2, 2), m.
     """
 
     mesh: Mesh
     facets: MeshTags
     edges: dict[str, int]
     fibres: NDArray[np.float64]
+    jumps: tuple[NDArray[np.float64], NDArray[np.float64]] = field(
+        default_factory=lambda: (np.zeros((0, 2, 2)), np.zeros((0, 2, 2)))
+    )
 
     @property
     def original_cells(self) -> NDArray[np.int64]:

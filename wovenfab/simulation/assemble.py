@@ -22,7 +22,9 @@ from wovenfab.case import (
 )
 from wovenfab.model.constraints import Constraints, Grip
 from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
-from wovenfab.sheet.gmsh_model import from_file, graded_rectangle
+from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.gmsh_model import from_file, graded_rectangle, outline_from_file
+from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.simulation.symbols import held_of, value_of, values_of
@@ -52,22 +54,63 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
         GeometryError: If a geometry file cannot be meshed, on every rank.
         UnknownEdgeError: If a condition is for an edge that the sheet lacks.
     """
-    d = case.discretisation
-    if isinstance(case.sheet, Rectangle):
-        length, width = case.sheet.length, case.sheet.width
-        assert d.mesh_size is not None  # a case that has been read has one
-        size = d.mesh_size
-        if d.mesh == "unstructured":
-            parts = graded_rectangle(comm, length, width, size, d.corner_size)
-        else:
-            parts = rectangle(comm, length, width, size, d.mesh or "crossed")
-    else:
-        parts = from_file(comm, Path(case.sheet.file), d.mesh_size)
-    sheet = Sheet(*parts, directions(case.sheet.fibres))
+    sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     for name in case.boundary:
         if name not in sheet.edges:
             raise UnknownEdgeError(name, sorted(sheet.edges))
     return sheet
+
+
+def follows_fibres(case: Case) -> bool:
+    """Return whether the mesh of a case is made along its fibres."""
+    mesh = case.discretisation.mesh
+    if isinstance(case.sheet, Rectangle):
+        return mesh == "fibres"
+    return mesh in ("fibres", None) and Path(case.sheet.file).suffix != ".msh"
+
+
+def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
+    """Return the sheet with a structured mesh or one by gmsh."""
+    d = case.discretisation
+    if isinstance(case.sheet, Rectangle):
+        length, width = case.sheet.length, case.sheet.width
+        assert d.mesh_size is not None  # a case that has been read has one
+        if d.mesh == "unstructured":
+            parts = graded_rectangle(comm, length, width, d.mesh_size, d.corner_size)
+        else:
+            parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
+    else:
+        parts = from_file(comm, Path(case.sheet.file), d.mesh_size)
+    return Sheet(*parts, directions(case.sheet.fibres))
+
+
+def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
+    """Return the sheet with a mesh along the fibres."""
+    d = case.discretisation
+    if isinstance(case.sheet, Rectangle):
+        outline = rectangle_outline(case.sheet.length, case.sheet.width)
+        size = d.mesh_size
+    else:
+        outline, size = outline_from_file(comm, Path(case.sheet.file), d.mesh_size)
+    assert size is not None
+    return aligned_sheet(
+        comm,
+        outline,
+        directions(case.sheet.fibres),
+        (_holds(case, 1), _holds(case, 2)),
+        size,
+        corner_size=d.corner_size,
+        jumps=d.jumps is not False,
+    )
+
+
+def _holds(case: Case, family: int) -> dict[str, str]:
+    """Return the edges that hold a family in any way; each its own way."""
+    return {
+        name: name
+        for name, _, edge in conditions_of(case.boundary)
+        if family in edge.families and (edge.rotation or any(c.held for c in edge.components))
+    }
 
 
 def model_of(case: Case, sheet: Sheet) -> Model:
@@ -105,7 +148,7 @@ def constraints_of(case: Case, model: Model) -> Constraints:
         Grip(name, (held_of(edge.components[0]), held_of(edge.components[1])), _families(edge))
         for name, _, edge in conditions_of(case.boundary)
     ]
-    return Constraints(model.space, model.sheet, grips)
+    return Constraints(model.placements, model.sheet, grips)
 
 
 def _families(edge: EdgeCondition) -> tuple[int, ...]:

@@ -100,7 +100,7 @@ class March:
         self._program = program
         self._scheme = scheme
         self._smallest = smallest_step
-        own = model.space.dofmap.index_map.size_local * model.space.dofmap.index_map_bs
+        own = model.placements.owned
         size = model.field.x.array.size
         self._own = own
         # Accepted states, latest first, and the steps between them (s).

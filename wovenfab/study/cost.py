@@ -84,7 +84,7 @@ def measure(case: Case, comm: MPI.Comm) -> Cost:
     steps = max(len(forces) - 1, 1)
     return Cost(
         unknowns=model.unknowns,
-        placements=model.placements,
+        placements=model.placements.count,
         facet_integrals=model.facet_integrals,
         compile=compiled,
         assembly=events["SNESJacobianEval"].mean(),

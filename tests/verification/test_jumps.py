@@ -1,0 +1,123 @@
+"""Placements that may jump across special fibres: the order of the elements is back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from tests import scenes
+from wovenfab.model.model import Numerics
+from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.outline import rectangle_outline
+from wovenfab.sheet.sheet import Sheet, directions
+
+HOLDS = {"left": "clamp", "right": "clamp"}
+#: Force (N) of the 1:3 sheet at 20 mm, elastic, that these meshes converge to.
+LIMIT = 122.110
+
+
+def sheet(
+    mesh_size: float,
+    angles: Sequence[float] = (45, -45),
+    jumps: bool = True,
+    comm: MPI.Comm = MPI.COMM_SELF,
+    length: float = 0.9,
+) -> Sheet:
+    """Return a rectangle of width 0.3 m with a mesh along its fibres."""
+    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
+    outline = rectangle_outline(length, 0.3)
+    return aligned_sheet(comm, outline, fibres, (HOLDS, HOLDS), mesh_size, jumps=jumps)
+
+
+def pulled(on: Sheet, degree: int) -> tuple[int, float]:
+    """Return unknowns and force (N) at 20 mm."""
+    model = scenes.model(on, scenes.COUPLED, Numerics(degree))
+    return model.unknowns, scenes.force(model, scenes.PULL, 0.02)["right"][0]
+
+
+@pytest.mark.parametrize(
+    ("degree", "mesh_size", "unknowns", "error"),
+    [(3, 0.1, 2500, 5e-3), (4, 0.1, 6000, 1e-3), (4, 0.035, 40_000, 1e-4)],
+    ids=["half a per cent", "a tenth", "a hundredth"],
+)
+def test_few_unknowns_give_the_force_of_sliding_yarns(
+    degree: int, mesh_size: float, unknowns: int, error: float
+) -> None:
+    count, force = pulled(sheet(mesh_size), degree)
+    print(f"P{degree}, {count} unknowns: {force:.4f} N, error {force / LIMIT - 1:.2e}")
+    assert count <= unknowns
+    assert force == pytest.approx(LIMIT, rel=error)
+
+
+@pytest.mark.parametrize(
+    ("angles", "length"), [((30, -60), 0.9), ((45, -45), 0.6), ((45, -45), 1.2)]
+)
+def test_other_fibres_and_lengths_converge_as_well(
+    angles: tuple[float, float], length: float
+) -> None:
+    forces = [
+        pulled(sheet(h, angles, length=length), degree)[1]
+        for degree, h in ((3, 0.1), (4, 0.1), (4, 0.06))
+    ]
+    print(f"{angles}, {length} m: {forces}")
+    assert forces[0] == pytest.approx(forces[2], rel=5e-3)
+    assert forces[1] == pytest.approx(forces[2], rel=1e-3)
+
+
+def test_continuous_placements_are_too_stiff_on_the_same_mesh() -> None:
+    tied, free = (pulled(sheet(0.1, jumps=jumps), 3)[1] for jumps in (False, True))
+    print(f"continuous {tied:.3f} N, jumping {free:.3f} N")
+    assert tied / LIMIT - 1 > 10 * abs(free / LIMIT - 1)
+
+
+def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
+    on = sheet(0.1)
+    model = scenes.model(on, scenes.COUPLED, Numerics(3))
+    scenes.force(model, scenes.PULL, 0.02)
+    placements, values = model.placements, model.field.x.array.reshape(-1, 2)
+    gaps: list[list[float]] = [[], []]
+    for family in (0, 1):
+        by_place: dict[tuple[float, ...], set[int]] = {}
+        for block in np.unique(placements.blocks[:, :, family]):
+            place = tuple(np.round(placements.positions[block], 7))
+            by_place.setdefault(place, set()).add(int(block))
+        for place, copies in by_place.items():
+            ends = on.jumps[family]
+            ahead = (ends[:, 1] - ends[:, 0]) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[
+                :, None
+            ]
+            away = np.array(place) - ends[:, 0]
+            aside = np.abs(away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0])
+            assert len(copies) == (2 if aside.min() < 1e-6 else 1)
+            if len(copies) == 2:
+                one, other = (values[c] for c in copies)
+                gaps[family].append(float(np.linalg.norm(one - other)))
+    print(f"largest jumps: {max(gaps[0]):.2e} m and {max(gaps[1]):.2e} m")
+    assert min(max(g) for g in gaps) > 2e-4  # of the order of the slip, about a millimetre
+
+
+def test_without_lines_the_space_is_the_usual_one() -> None:
+    on = sheet(0.15)
+    bare = replace(on, jumps=(np.zeros((0, 2, 2)), np.zeros((0, 2, 2))))
+    free, tied = (scenes.model(s, scenes.COUPLED, Numerics(2)) for s in (on, bare))
+    assert tied.placements.doubled == 0
+    assert free.unknowns == tied.unknowns + 2 * free.placements.doubled
+    bonded = scenes.model(on, scenes.BONDED, Numerics(2))
+    assert 2 * bonded.unknowns == tied.unknowns
+
+
+@pytest.mark.mpi
+@pytest.mark.mpi4
+def test_jumps_are_the_same_on_all_ranks() -> None:
+    comm = MPI.COMM_WORLD
+    found = []
+    for where in (comm, MPI.COMM_SELF):
+        model = scenes.model(sheet(0.1, comm=where), scenes.COUPLED, Numerics(3))
+        force = scenes.force(model, scenes.PULL, 0.02)["right"][0]
+        found.append((model.unknowns, model.placements.doubled, force))
+    assert found[0][:2] == found[1][:2]
+    assert found[0][2] == pytest.approx(found[1][2], rel=1e-8)
