@@ -161,6 +161,12 @@ class Solver(Section):
     tangent: Literal["mixed", "plain"] = "mixed"
     """Mixed-integration-point tangent, which suits stiff yarns, or the plain one."""
 
+    stability: Literal["stop", "follow", "ignore"] = "stop"
+    """Where the sheet buckles: stop, follow the branch of minima, or stay on the saddle."""
+
+    seed: Annotated[int, Count(least=0, most=2**32 - 1)] = 0
+    """Of the random numbers that decide to which side the sheet buckles."""
+
     petsc: Mapping[
         Annotated[str, AfterValidator(_option_name)],
         Annotated[str | int | float | bool, BeforeValidator(_option)],

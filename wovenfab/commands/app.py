@@ -80,7 +80,7 @@ def run(
     """Run a case: history.csv, fields.xdmf, summary.json and pictures in a directory.
 
     Exit code 0: finished; 2: the case or the directory cannot be used; 3: a step
-    could not be made, and all results before it are in the directory.
+    could not be made or the sheet buckled, and all results before it are in the directory.
     """
     from wovenfab.commands.run import run_case  # loads dolfinx, which takes a moment
 

@@ -66,6 +66,16 @@ def _start_petsc(options: Sequence[str]) -> None:
 
 
 def _tell(voice: Voice, summary: Mapping[str, Any], directory: Path) -> None:
+    for loss in summary["losses_of_stability"]:
+        voice.say(
+            f"stability lost at {1e3 * loss['displacement_m']:.6g} mm under "
+            f"{loss['force_N']:.6g} N, branch followed"
+        )
+    if summary["saddles"]:
+        voice.say(
+            f"warning: {summary['saddles']} of {summary['steps']} states are saddles, which no "
+            "sheet would stay on (negative_eigenvalues in history.csv)"
+        )
     voice.say(
         f"done: {summary['steps']} steps, peak force {summary['peak_force_N']:.6g} N, "
         f"dissipated {summary['dissipated_J']:.6g} J, results in {directory}"

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from wovenfab.record.results import write_whole
 from wovenfab.record.xdmf import Frame, xdmf
 
-DATA = "fields.h5"
-XDMF = "fields.xdmf"
+#: Name of the files, without suffix, of the fields of a run and of modes.
+FIELDS, MODE = "fields", "mode"
+DATA = f"{FIELDS}.h5"
 
 #: No file lock: a run must go on while somebody looks at its results.
 UNLOCKED: dict[str, Any] = {"locking": False}
@@ -31,6 +32,7 @@ class FieldFile:
         points: NDArray[np.float64],
         triangles: NDArray[np.int64],
         units: Mapping[str, str],
+        name: str = FIELDS,
     ) -> None:
         """Write the mesh.
 
@@ -39,13 +41,14 @@ class FieldFile:
             points: Points (m), shape (n, 2).
             triangles: Points of each triangle, shape (m, 3).
             units: Name and SI unit of each field.
+            name: Name of the files without suffix.
         """
-        self._directory = directory
+        self._data, self._xdmf = directory / f"{name}.h5", directory / f"{name}.xdmf"
         self._points, self._triangles = len(points), len(triangles)
         self._units = dict(units)
         self._vectors: dict[str, bool] = {}
         self._frames: list[Frame] = []
-        with h5py.File(directory / DATA, "w", **UNLOCKED) as file:
+        with h5py.File(self._data, "w", **UNLOCKED) as file:
             mesh = file.create_group("mesh")
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
             mesh.create_dataset("triangles", data=triangles, **_PACK)
@@ -70,7 +73,7 @@ class FieldFile:
         if not same or any(len(values) != self._points for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
         frame = Frame(time, f"/steps/{step:06d}")
-        with h5py.File(self._directory / DATA, "r+", **UNLOCKED) as file:
+        with h5py.File(self._data, "r+", **UNLOCKED) as file:
             group = file.create_group(frame.group)
             for name, values in fields.items():
                 data = _padded(values) if vectors[name] else values
@@ -78,8 +81,8 @@ class FieldFile:
             group.attrs.update(step=step, time=time)  # last: marks the step as complete
         self._vectors = vectors
         self._frames.append(frame)
-        text = xdmf(DATA, self._points, self._triangles, vectors, self._frames)
-        write_whole(self._directory / XDMF, text)
+        text = xdmf(self._data.name, self._points, self._triangles, vectors, self._frames)
+        write_whole(self._xdmf, text)
 
 
 def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:

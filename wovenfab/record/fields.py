@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wovenfab.parallel import agree, on_root
 from wovenfab.record.blocks import Blocks
-from wovenfab.record.field_file import FieldFile
+from wovenfab.record.field_file import FIELDS, FieldFile
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -32,6 +32,7 @@ class FieldSeries:
         triangles: NDArray[Any],
         cells: NDArray[Any],
         units: Mapping[str, str],
+        name: str = FIELDS,
     ) -> None:
         """Write the mesh; collective.
 
@@ -43,6 +44,7 @@ class FieldSeries:
             cells: Number of each block's cell in the whole mesh, shape (blocks,); cells
                 that the rank owns, no ghosts.
             units: Name and SI unit of each field that will be written ("1" for none).
+            name: Name of the files without suffix.
 
         Raises:
             ValueError: The arrays do not fit together or are not finite; on every rank.
@@ -68,7 +70,7 @@ class FieldSeries:
             first = np.arange(blocks) * (len(all_points) // blocks)
             shift = np.repeat(first, len(all_inside) // blocks)
             self._file = FieldFile(
-                Path(directory), all_points, all_inside + shift[:, None], self._units
+                Path(directory), all_points, all_inside + shift[:, None], self._units, name
             )
 
         on_root(comm, start)

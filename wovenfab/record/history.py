@@ -36,6 +36,7 @@ class StepRecord:
         work: Work done by the driven edges since the start (J).
         iterations: Newton iterations of the step.
         reactions: Reaction of each named edge, x and y (N).
+        negatives: Negative eigenvalues of the tangent; 0 where the state is a minimum.
     """
 
     step: int
@@ -48,6 +49,7 @@ class StepRecord:
     work: float
     iterations: int
     reactions: Mapping[str, tuple[float, float]]
+    negatives: int = 0
 
 
 class History:
@@ -118,7 +120,7 @@ class History:
             + [f"energy_{name}_J" for name in self._stored]
             + ["dissipated_J"]
             + [f"dissipated_{name}_J" for name in self._dissipated]
-            + ["work_J", "imbalance_J", "newton_iterations"]
+            + ["work_J", "imbalance_J", "newton_iterations", "negative_eigenvalues"]
         )
         reactions = ["step", "time_s"] + [f"{e}_{xy}_N" for e in self._edges for xy in "xy"]
         for name, header in ((HISTORY, history), (REACTIONS, reactions)):
@@ -150,7 +152,8 @@ class History:
         if bad:
             raise ValueError(f"step {row.step} has numbers that are not finite: {row}")
         history, forces = self._files
-        _write_row(history, [str(int(row.step)), *map(repr, numbers), str(int(row.iterations))])
+        counts = [str(int(row.iterations)), str(int(row.negatives))]
+        _write_row(history, [str(int(row.step)), *map(repr, numbers), *counts])
         _write_row(forces, [str(int(row.step)), *map(repr, [numbers[0], *reactions])])
         self._initial_energy, self._last_time = initial, numbers[0]
 

@@ -24,6 +24,9 @@ FILES = (
     "loop.png",
     "loop.svg",
     "deformed.png",
+    "mode.h5",
+    "mode.xdmf",
+    "mode.png",
 )
 
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.record.field_file import DATA, UNLOCKED
+from wovenfab.record.field_file import FIELDS, UNLOCKED
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,17 @@ class StoredFields:
             return file[where][()]
 
 
-def read_fields(directory: str | Path) -> StoredFields:
+def read_fields(directory: str | Path, name: str = FIELDS) -> StoredFields:
     """Return the fields of a results directory; the data are loaded when asked for.
+
+    Args:
+        directory: The results directory.
+        name: Name of the files without suffix.
 
     Raises:
         FileNotFoundError: The run wrote no fields.
     """
-    path = Path(directory) / DATA
+    path = Path(directory) / f"{name}.h5"
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: the run wrote no fields")
     with h5py.File(path, "r", **UNLOCKED) as file:

@@ -32,6 +32,7 @@ def summarise(
     cut_backs: int,
     seconds: Mapping[str, float],
     ranks: int,
+    losses: Sequence[Mapping[str, float]] = (),
 ) -> dict[str, Any]:
     """Return the summary of a run, finished or not.
 
@@ -43,6 +44,7 @@ def summarise(
         cut_backs: How often a step was restored and retried with a smaller size.
         seconds: Wall time of each phase (s).
         ranks: Number of MPI ranks.
+        losses: Figures of each loss of stability.
     """
     rows = len(history["step"])
     iterations = history["newton_iterations"][1:]  # the first row is the start, not a step
@@ -64,6 +66,8 @@ def summarise(
             "worst": int(iterations.max()) if len(iterations) else None,
         },
         "cut_backs": cut_backs,
+        "losses_of_stability": [dict(loss) for loss in losses],
+        "saddles": int((history["negative_eigenvalues"] > 0).sum()),
         "wall_time_s": {phase: float(s) for phase, s in seconds.items()},
         "ranks": ranks,
         "versions": versions(),

@@ -22,7 +22,9 @@ YARNS_ALONG = 30
 
 
 @dataclass(frozen=True)
-class _Colour:
+class Colour:
+    """Values at the points, and what they are."""
+
     label: str
     values: NDArray[np.float64]
 
@@ -30,10 +32,29 @@ class _Colour:
 def deformed(source: Source, stored: StoredFields) -> Figure:
     """Return the figure: the sheet at the stored time of largest displacement."""
     index, displacement = _extreme(source, stored)
-    mesh = Triangles(stored.points(), stored.triangles())
     families = [stored.field(name, index) for name in _displacements(stored)]
+    subtitle = f"at {displacement * MILLIMETRE.factor:.3g} mm, true to scale"
+    return sheet(source, stored, families, _colour(stored, index), subtitle)
+
+
+def sheet(
+    source: Source,
+    stored: StoredFields,
+    families: list[NDArray[np.float64]],
+    colour: Colour,
+    subtitle: str,
+) -> Figure:
+    """Return the figure of a displaced sheet with its yarns.
+
+    Args:
+        source: The results.
+        stored: Their fields, for the mesh.
+        families: Displacement (m) of the placements, shape (n, 2) each.
+        colour: What the sheet is coloured by.
+        subtitle: Line below the title.
+    """
+    mesh = Triangles(stored.points(), stored.triangles())
     mean = np.mean(families, axis=0)
-    colour = _colour(stored, index)
     x, y = ((mesh.points + mean) * MILLIMETRE.factor).T
     figure = Figure(figsize=_size(float(np.ptp(x)), float(np.ptp(y))))
     axes = figure.add_subplot(aspect="equal")
@@ -54,7 +75,7 @@ def deformed(source: Source, stored: StoredFields) -> Figure:
             yarns = material_lines(mesh, source.fibres[number], own, spacing)
             axes.add_collection(_lines(yarns, shade, 0.6, f"family {number + 1}"))
     figure.colorbar(painted, label=colour.label, shrink=0.6, aspect=36, location="bottom")
-    _label(axes, source.title, f"at {displacement * MILLIMETRE.factor:.3g} mm, true to scale")
+    _label(axes, source.title, subtitle)
     axes.autoscale_view()
     return figure
 
@@ -84,17 +105,17 @@ def _displacements(stored: StoredFields) -> list[str]:
     return sorted(name for name in stored.units if name.split("_")[0] == "displacement")
 
 
-def _colour(stored: StoredFields, index: int) -> _Colour:
+def _colour(stored: StoredFields, index: int) -> Colour:
     """Return what to colour the sheet by: the slip of the families, or the shear angle."""
     if "beta" in stored.units:
         beta = stored.field("beta", index)
         unit = readable("m", float(beta.max()) or 1e-3)
-        return _Colour(f"slip between the families β ({unit.name})", beta * unit.factor)
+        return Colour(f"slip between the families β ({unit.name})", beta * unit.factor)
     if "shear_angle" in stored.units:
         gamma = stored.field("shear_angle", index)
-        return _Colour(f"shear angle ({DEGREE.name})", gamma * DEGREE.factor)
+        return Colour(f"shear angle ({DEGREE.name})", gamma * DEGREE.factor)
     u = stored.field(_displacements(stored)[0], index)
-    return _Colour(f"displacement ({MILLIMETRE.name})", np.hypot(*u.T) * MILLIMETRE.factor)
+    return Colour(f"displacement ({MILLIMETRE.name})", np.hypot(*u.T) * MILLIMETRE.factor)
 
 
 def _lines(

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from wovenfab.record.field_file import DATA
+from wovenfab.record.field_file import DATA, MODE
 from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.deformed import deformed
 from wovenfab.report.loop import loop
+from wovenfab.report.mode import mode
 from wovenfab.report.source import open_source
 from wovenfab.report.style import house_style, save
 
@@ -32,8 +33,8 @@ def draw(directory: str | Path) -> list[Path]:
         directory: A results directory, of a finished run or not.
 
     Returns:
-        The files written: ``loop.png`` and ``loop.svg``, and ``deformed.png`` where the
-        run has fields.
+        The files written: ``loop.png`` and ``loop.svg``, ``deformed.png`` where the run
+        has fields, and ``mode.png`` where stability was lost.
 
     Raises:
         ReportError: A picture failed; the others are drawn all the same.
@@ -41,7 +42,7 @@ def draw(directory: str | Path) -> list[Path]:
     folder = Path(directory)
     drawn: list[Path] = []
     problems: list[str] = []
-    for name, picture in (("loop", _loop), ("deformed", _deformed)):
+    for name, picture in (("loop", _loop), ("deformed", _deformed), ("mode", _mode)):
         try:
             with house_style():
                 drawn += picture(folder)
@@ -65,3 +66,12 @@ def _deformed(folder: Path) -> list[Path]:
     if not len(stored.times):
         return []
     return [save(deformed(open_source(folder), stored), folder / "deformed.png")]
+
+
+def _mode(folder: Path) -> list[Path]:
+    if not (folder / f"{MODE}.h5").exists():
+        return []
+    stored = read_fields(folder, MODE)
+    if not len(stored.times):
+        return []
+    return [save(mode(open_source(folder), stored), folder / f"{MODE}.png")]

@@ -159,7 +159,10 @@ def _families(edge: EdgeCondition) -> tuple[int, ...]:
 def equilibrium_of(case: Case, model: Model, constraints: Constraints) -> Equilibrium:
     """Return the solver of a case."""
     s = case.solver
-    return Equilibrium(model, constraints, Controls(s.max_iterations, s.tolerance, s.petsc))
+    controls = Controls(
+        s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
+    )
+    return Equilibrium(model, constraints, controls)
 
 
 def scheme_of(case: Case) -> Scheme:

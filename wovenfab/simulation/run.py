@@ -27,9 +27,11 @@ from wovenfab.simulation.assemble import (
     program_of_case,
     scheme_of,
 )
+from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.stepping.march import March, Step, StepFailedError
 from wovenfab.stepping.program import Program
+from wovenfab.stepping.stability import StabilityLostError
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Result:
         summary: What was written to summary.json.
     """
 
-    failure: StepFailedError | None
+    failure: StepFailedError | StabilityLostError | None
     summary: dict[str, Any]
 
 
@@ -50,7 +52,8 @@ def run(
 ) -> Result:
     """Run a case on its sheet into a directory made by ``open_results``; collective.
 
-    A step that cannot be made ends the run early with all results so far intact.
+    A step that cannot be made, or stability that is lost, ends the run early with all
+    results so far intact.
 
     Args:
         case: The validated case.
@@ -70,12 +73,20 @@ def run(
     tell(Progress("stepping", unknowns=model.unknowns))
     program = program_of_case(case)
     march = March(
-        model, constraints, equilibrium, program, scheme_of(case), case.time.smallest_step
+        model,
+        constraints,
+        equilibrium,
+        program,
+        scheme_of(case),
+        case.time.smallest_step,
+        case.solver.stability,
     )
     edge, direction = driven_edge(case)
+    modes = Modes(model, directory, edge, direction)
     stored = [e.name for e in model.effects if not e.dissipative]
     lost = [e.name for e in model.effects if e.dissipative]
-    failure, cutbacks = None, 0
+    failure: StepFailedError | StabilityLostError | None = None
+    cutbacks = 0
     with History(directory, stored, lost, constraints.edges, comm) as history:
         steps = march.steps()
         while True:
@@ -85,9 +96,15 @@ def run(
             except StepFailedError as error:
                 failure = error
                 break
+            except StabilityLostError as error:
+                failure = error
+                modes.add(error.loss)
+                break
             if step is None:
                 break
             cutbacks += step.cutbacks
+            if step.loss is not None:
+                modes.add(step.loss)
             history.append(_row(step, edge, direction))
             with watch.phase("fields"):
                 fields.write(step, program)
@@ -104,6 +121,7 @@ def run(
         cut_backs=cutbacks,
         seconds=watch.seconds,
         ranks=comm.size,
+        losses=modes.figures,
     )
     write_summary(directory, summary, comm)
     return Result(failure, summary)
@@ -129,6 +147,7 @@ def _row(step: Step, edge: str, direction: tuple[float, float]) -> StepRecord:
         work=step.work,
         iterations=step.iterations,
         reactions=step.reactions,
+        negatives=step.negatives,
     )
 
 

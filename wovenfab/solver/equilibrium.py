@@ -21,6 +21,7 @@ from petsc4py import PETSc
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
+from wovenfab.solver.inertia import Inertia, start_vector
 
 Reason = PETSc.SNES.ConvergedReason
 REASONS = {
@@ -44,6 +45,8 @@ class Controls:
         options: PETSc options, such as ``{"snes_monitor": None}``.
         step_limit: Keep iterates admissible; only a test switches it off.
         line_search: Backtrack on the potential; only a test switches it off.
+        descend: Step downwards where the tangent is indefinite.
+        seed: Of the random field that decides between the branches at a bifurcation.
     """
 
     max_iterations: int = 25
@@ -51,6 +54,8 @@ class Controls:
     options: Mapping[str, Any] | None = None
     step_limit: bool = True
     line_search: bool = True
+    descend: bool = False
+    seed: int = 0
 
 
 @dataclass(frozen=True)
@@ -62,12 +67,15 @@ class Outcome:
         reason: PETSc's name of the reason.
         iterations: Newton iterations.
         residual: Norm of the residual force, N.
+        negatives: Number of negative eigenvalues of the tangent at the solution; it is a
+            minimum of the incremental potential if there is none.
     """
 
     converged: bool
     reason: str
     iterations: int
     residual: float
+    negatives: int = 0
 
 
 class Equilibrium:
@@ -76,6 +84,7 @@ class Equilibrium:
     Attributes:
         force: Internal force at this rank's unknowns at the last evaluation
             (residual before boundary conditions), N.
+        inertia: Judges the tangent.
     """
 
     def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
@@ -105,6 +114,12 @@ class Equilibrium:
         largest = float(mesh.h(2, cells).max(initial=0.0))
         self._cell_size = float(model.comm.allreduce(largest, op=MPI.MAX))
         self._snes = self._create_snes()
+        self.inertia = Inertia(
+            self._snes.getKSP(),
+            self._matrix,
+            self._assemble_tangent,
+            start_vector(model.space, constraints.bcs, controls.seed),
+        )
 
     def _create_snes(self) -> Any:
         snes = PETSc.SNES().create(self._model.comm)
@@ -122,7 +137,9 @@ class Equilibrium:
         pc.setFactorSolverType("mumps")
         # The line search is ours, in the pre-check; PETSc's own stay reachable.
         # Options stay set while the object lives, since PETSc reads some at the first solve.
-        settings = {"snes_linesearch_type": "basic", **(self._controls.options or {})}
+        # MUMPS counts negative pivots only where it leaves the last block to itself (13).
+        ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
+        settings = {**ours, **(self._controls.options or {})}
         options = PETSc.Options()
         self._options = [name for name in settings if name not in options]
         for name in self._options:
@@ -136,22 +153,33 @@ class Equilibrium:
         The model's ``last`` field must hold the last equilibrium. On success the
         field holds the new one; otherwise it is undefined and the caller restores it.
         """
-        field = self._model.field
+        field, before = self._model.field, self._model.last.x.array.copy()
         self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
         self._attained = not self._constraints.unmet(field)
+        self.inertia.restart()
         self._snes.solve(None, self._solution)
         self._load(self._solution)
-        reason = self._snes.getConvergedReason()
+        reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
+        negatives = 0
         if reason > 0:
+            negatives = self.inertia.judge(self._unseen(before) if iterations else np.inf)
             self._force_scale = max(self._force_scale, self._force_norm)
             self._energy_scale = max(self._energy_scale, abs(self._potential or 0.0))
         return Outcome(
             converged=reason > 0,
             reason=REASONS.get(reason, str(reason)),
-            iterations=self._snes.getIterationNumber(),
+            iterations=iterations,
             residual=self._snes.getFunctionNorm(),
+            negatives=negatives,
         )
+
+    def _unseen(self, before: NDArray[np.float64]) -> float:
+        """Return Newton's last step over the whole way from the last equilibrium."""
+        now, last = self._model.field.x.array, self._model.last.x.array
+        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (last, before)]
+        step, whole = np.max(self._model.comm.allgather(ways), axis=0)
+        return step / whole if whole > 0 else np.inf
 
     def evaluate_force(self) -> NDArray[np.float64]:
         """Return the internal force (N) of the model's present field at own unknowns."""
@@ -164,6 +192,7 @@ class Equilibrium:
         """Free the PETSc objects; collective."""
         for name in self._options:
             PETSc.Options().delValue(name)
+        self.inertia.destroy()
         for item in (self._snes, self._matrix, self._residual, self._solution, self._diagonal):
             item.destroy()
 
@@ -206,11 +235,18 @@ class Equilibrium:
         self._stiffness = self._diagonal.norm()
         self._blur = EPSILON * max(x.norm(PETSc.NormType.INFINITY), self._cell_size)
 
+    def _assemble_tangent(self) -> None:
+        """Put the tangent of the model's present field in the matrix, the plain one."""
+        self._model.last.x.array[:] = self._model.field.x.array
+        self._solution.array_w[:] = self._model.field.x.array[: self._solution.getLocalSize()]
+        self._evaluate_jacobian(self._snes, self._solution, self._matrix, self._matrix)
+
     def _evaluate_objective(self, snes: Any, x: Any) -> float:
         self._load(x)
-        return self._energy()
+        return self.energy()
 
-    def _energy(self) -> float:
+    def energy(self) -> float:
+        """Return the incremental potential (J) of the model's present field; collective."""
         mine = fem.assemble_scalar(self._model.potential)
         return float(self._model.comm.allreduce(mine, op=MPI.SUM))
 
@@ -218,6 +254,8 @@ class Equilibrium:
         """Shorten the step so that x - y is admissible and lowers the potential."""
         self._load(x)
         model, barrier = self._model, self.barrier
+        if self._attained and self._controls.descend:
+            self.inertia.descend(self._snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
         barrier.step.x.array[: y.getLocalSize()] = -y.array_r
         barrier.step.x.scatter_forward()
@@ -234,7 +272,7 @@ class Equilibrium:
     def _backtrack(self, y: Any, length: float) -> float:
         """Return a step length with sufficient decrease of the incremental potential."""
         field, step, last = self._model.field, self.barrier.step, self._model.last
-        start = self._energy() if self._potential is None else self._potential
+        start = self.energy() if self._potential is None else self._potential
         slope = float(self._snes.getFunction()[0].dot(y))  # decrease per unit length
         # An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
         blurred = self._blur * np.sqrt(2 * abs(start) * self._stiffness)
@@ -242,7 +280,7 @@ class Equilibrium:
         trial: float | None = start
         for _ in range(HALVINGS):
             field.x.array[:] = last.x.array + length * step.x.array
-            trial = self._energy()
+            trial = self.energy()
             if np.isfinite(trial) and trial <= start - DECREASE * length * slope + slack:
                 break
             length /= 2

@@ -14,6 +14,10 @@ from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import Equilibrium, Outcome
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.scheme import Scheme, end_weights
+from wovenfab.stepping.stability import Loss, Stability, Treatment
+
+#: Steps of the last length over which the motion is extrapolated, by a parabola and at all.
+FAR_AHEAD, FARTHEST_AHEAD = 1.5, 4.0
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,8 @@ class Step:
         iterations: Newton iterations, those of rejected attempts not counted.
         cutbacks: Rejected attempts before it since the last accepted step.
         milestone: The planned time that it reaches, or None on the way to it.
+        negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
+        loss: The loss of stability since the last step, beyond which it lies, or None.
     """
 
     number: int
@@ -42,6 +48,8 @@ class Step:
     iterations: int
     cutbacks: int
     milestone: Milestone | None
+    negatives: int = 0
+    loss: Loss | None = None
 
 
 class StepFailedError(Exception):
@@ -83,6 +91,7 @@ class March:
         program: Program,
         scheme: Scheme,
         smallest_step: float,
+        treatment: Treatment = "stop",
     ) -> None:
         """Start from the reference state.
 
@@ -93,6 +102,7 @@ class March:
             program: The load program.
             scheme: The time scheme.
             smallest_step: Share of a planned step below which cutting back ends.
+            treatment: What is done where stability is lost.
         """
         self._model = model
         self._constraints = constraints
@@ -101,6 +111,7 @@ class March:
         self._scheme = scheme
         self._smallest = smallest_step
         own = model.placements.owned
+        self._stability = Stability(model, constraints, equilibrium, treatment)
         size = model.field.x.array.size
         self._own = own
         # Accepted states, latest first, and the steps between them (s).
@@ -123,10 +134,11 @@ class March:
 
         Raises:
             StepFailedError: If a step cannot be made; the field is the last accepted.
+            StabilityLostError: If no minimum lies beyond it.
         """
         first = self._program.milestones[0]
         self._constraints.set(first.displacement)
-        yield self._record(0, first)
+        yield self._record(None, first)
         for start, end in zip(self._program.milestones, self._program.milestones[1:], strict=False):
             yield from self._reach(start, end)
 
@@ -134,24 +146,42 @@ class March:
         """Step from one planned time to the next, halving where needed."""
         jump = start.jump
         pending = [(end.time, end)]
+        planned = end.time - start.time
         while pending:
             until, milestone = pending[-1]
-            outcome = self._attempt(until, jump)
-            if outcome.converged:
+            outcome = self._settled(until, planned, self._attempt(until, jump))
+            refused = self._stability.refuses(outcome)
+            if outcome.converged and not refused:
                 pending.pop()
                 self._accept(until, jump)
-                jump = False
-                yield self._record(outcome.iterations, milestone)
+                loss = self._stability.passed()
+                jump = loss is not None
+                yield self._record(outcome, milestone, loss)
                 self._cutbacks = 0
                 continue
             self._restore()
             self._cutbacks += 1
+            if self._stability.loss is not None:  # try farther beyond it, if that is wanted
+                pending.pop()
+                if not pending or not self._stability.follows:
+                    raise self._stability.give_up()
+                continue
             half = (until - self._time) / 2
-            if half < self._smallest * (end.time - start.time):
+            if half < self._smallest * planned and not refused:
                 raise StepFailedError(
                     until, self._program.displacement(until), until - self._time, outcome
                 )
             pending.append((self._time + half, None))  # type: ignore[arg-type]
+
+    def _settled(self, until: float, planned: float, outcome: Outcome) -> Outcome:
+        """Return the outcome, or how a saddle was left that is next to the last minimum."""
+        share, force = (until - self._time) / planned, self._before.force
+        if not self._stability.refuses(outcome) or not self._stability.is_close(
+            force, share, self._smallest
+        ):
+            return outcome
+        now, then = ((t, self._program.displacement(t)) for t in (self._time, until))
+        return self._stability.leave(now, then, force, outcome)
 
     def _attempt(self, until: float, jump: bool) -> Outcome:
         """Solve for the stage state of a step that ends at ``until``."""
@@ -181,7 +211,7 @@ class March:
         """Start from the extrapolated motion, unless that would cross the families."""
         field, step = self._model.field, self._equilibrium.barrier.step
         field.x.array[:] = self._states[0]
-        if jump or len(self._steps) < 1:
+        if jump or not self._steps or ahead > FARTHEST_AHEAD * self._steps[0]:
             return
         step.x.array[:] = _extrapolation(self._states, self._steps, ahead)
         if self._equilibrium.barrier.limit() > 2.0:
@@ -215,7 +245,9 @@ class March:
         self._time = until
         self._number += 1
 
-    def _record(self, iterations: int, milestone: Milestone | None) -> Step:
+    def _record(
+        self, outcome: Outcome | None, milestone: Milestone | None, loss: Loss | None = None
+    ) -> Step:
         return Step(
             number=self._number,
             time=self._time,
@@ -224,9 +256,11 @@ class March:
             stored=self._model.stored_energy(),
             dissipated=dict(self._dissipated),
             work=self._work + self._model.load_work(),
-            iterations=iterations,
+            iterations=outcome.iterations if outcome else 0,
             cutbacks=self._cutbacks,
             milestone=milestone,
+            negatives=outcome.negatives if outcome else 0,
+            loss=loss,
         )
 
 
@@ -240,11 +274,12 @@ def _mean(a: _Balance, b: _Balance) -> _Balance:
 def _extrapolation(states: list[Any], steps: list[float], ahead: float) -> NDArray[np.float64]:
     """Return the change over ``ahead`` (s) of the polynomial through the last states.
 
-    Linear through two states, quadratic through three (Newton's divided differences).
+    Linear through two states, quadratic through three (Newton's divided differences)
+    where that is not far.
     """
     slope = (states[0] - states[1]) / steps[0]
     change = ahead * slope
-    if len(steps) > 1:
+    if len(steps) > 1 and ahead <= FAR_AHEAD * steps[0]:
         earlier = (states[1] - states[2]) / steps[1]
         change = change + ahead * (ahead + steps[0]) * (slope - earlier) / (steps[0] + steps[1])
     return np.asarray(change)

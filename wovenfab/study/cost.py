@@ -67,7 +67,13 @@ def measure(case: Case, comm: MPI.Comm) -> Cost:
         compiled = time.perf_counter() - start
     program = program_of_case(case)
     march = March(
-        model, constraints, equilibrium, program, scheme_of(case), case.time.smallest_step
+        model,
+        constraints,
+        equilibrium,
+        program,
+        scheme_of(case),
+        case.time.smallest_step,
+        "ignore",
     )
     edge, (along_x, along_y) = driven_edge(case)
     PETSc.Log.begin()

@@ -1,0 +1,42 @@
+"""The mode in which a sheet loses its stability."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from wovenfab.record.stored_fields import StoredFields
+from wovenfab.report.deformed import Colour, sheet
+from wovenfab.report.source import Source
+from wovenfab.report.style import MILLIMETRE, readable
+
+#: Largest displacement by the mode in the picture, over the length of the sheet.
+SHOWN = 0.08
+
+
+def mode(source: Source, stored: StoredFields) -> Figure:
+    """Return the figure: the sheet displaced along the mode of the first loss of stability.
+
+    Args:
+        source: The results.
+        stored: Displacements and modes at the losses.
+    """
+    names = sorted(name for name in stored.units if name.split("_")[0] == "displacement")
+    states = [stored.field(name, 0) for name in names]
+    modes = [stored.field(name.replace("displacement", "mode"), 0) for name in names]
+    size = np.hypot(*np.mean(modes, axis=0).T)
+    length = float(np.ptp(stored.points(), axis=0).max())
+    scale = SHOWN * length / float(size.max())
+    shown = [u + scale * m for u, m in zip(states, modes, strict=True)]
+    colour = Colour("displacement in the mode, whose size is arbitrary", size / size.max())
+    return sheet(source, stored, shown, colour, _subtitle(source, float(stored.times[0])))
+
+
+def _subtitle(source: Source, time: float) -> str:
+    """Return where stability is lost, from the last state before that."""
+    row = int(np.searchsorted(source.history["time_s"], time))
+    u, force = (float(source.history[name][row]) for name in ("displacement_m", "force_N"))
+    unit = readable("N", force)
+    return (
+        f"stability lost at {u * MILLIMETRE.factor:.4g} mm, {force * unit.factor:.4g} {unit.name}"
+    )

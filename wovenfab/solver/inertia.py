@@ -1,0 +1,212 @@
+"""What the factor of the tangent knows: minimum or saddle, softest mode, ways down.
+
+L D L' has as many negative pivots as the tangent has negative eigenvalues (Sylvester), so
+that the factor of each Newton step tells for nothing whether the state near by is a
+minimum of the incremental potential. Prescribed unknowns have rows of the identity: they
+count as positive, and nothing here moves them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+#: Of MUMPS: status, and number of negative pivots, over all ranks.
+STATUS, NEGATIVE = 1, 12
+#: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
+COUNT_NULL = 24
+#: Sweeps of inverse iteration: a step, the first step, and most for a mode (to ``SAME``).
+SWEEPS, FIRST_SWEEPS, MOST_SWEEPS, SAME = 1, 6, 400, 1e-7
+#: Share of the way between solutions that Newton's last matrix need not have seen.
+UNSEEN = 0.1
+#: Waves and their largest number along the sheet in the field that starts the iteration.
+WAVES, SHORTEST = 24, 5
+#: Growth of the shift that makes a tangent definite, and how often it may grow.
+GROWTH, TRIALS = 4.0, 60
+
+
+class Inertia:
+    """Judges tangents by their factor."""
+
+    def __init__(self, ksp: Any, matrix: Any, assemble: Callable[[], None], start: Any) -> None:
+        """Use the factor of Newton's steps if it is one that counts, else another one.
+
+        Args:
+            ksp: The linear solver of Newton's steps.
+            matrix: Its matrix.
+            assemble: Puts the tangent of the present state in the matrix.
+            start: Vector that starts the search of the softest mode, zero where prescribed.
+        """
+        self._matrix, self._assemble = matrix, assemble
+        self._own = None if _counts(ksp) else _counting(matrix)
+        self._ksp = self._own or ksp
+        self._start = start
+        self._soft, self._image = start.copy(), start.duplicate()
+        self._value: float | None = None  # smallest eigenvalue of the last judgement, N/m
+        self._shift = 0.0  # of the present factor, N/m
+
+    def judge(self, unseen: float) -> int:
+        """Return the number of negative eigenvalues of the tangent at a solution; collective.
+
+        Newton's last matrix was formed one step before the solution. If that step was
+        small it decides, unless it is indefinite, or so soft that another change as large
+        as the one since the last solution would make it so. Then, and after a large step,
+        the tangent at the solution itself is factorised.
+
+        Args:
+            unseen: Newton's last step over the way from the last solution to this one.
+        """
+        before = self._value
+        known = unseen <= UNSEEN and not self._own and not self._shift
+        if known and before is not None and not self._negatives():
+            value = self._sweep(SWEEPS)
+            if value > before - value:
+                self._value = value
+                return 0
+        self._refactor()
+        found = self._negatives()
+        self._value = self._sweep(SWEEPS if before else FIRST_SWEEPS) if not found else None
+        return found
+
+    def mode(self) -> NDArray[np.float64]:
+        """Return the eigenvector of the lowest eigenvalue in the present state; collective.
+
+        Returns:
+            At this rank's own unknowns, of length one over all; its sign follows from
+            the start vector alone.
+        """
+        self._refactor()
+        if self._negatives():
+            self._make_definite()
+        self._start.copy(self._soft)
+        last = np.inf
+        for _ in range(MOST_SWEEPS):
+            value = self._sweep(1)
+            if abs(value - last) <= SAME * abs(value):
+                break
+            last = value
+        if self._soft.dot(self._start) < 0:
+            self._soft.scale(-1.0)
+        return np.array(self._soft.array_r)
+
+    def descend(self, force: Any, step: Any) -> None:
+        """Replace Newton's step by one that goes down where the tangent is indefinite.
+
+        The tangent is shifted by a multiple of the identity until it is definite.
+
+        Args:
+            force: Residual force.
+            step: Newton's step, to be subtracted; it is overwritten.
+        """
+        self._shift = 0.0
+        if self._own:
+            self._factor()
+        if self._negatives():
+            self._make_definite()
+            self._ksp.solve(force, step)
+
+    def restart(self) -> None:
+        """Forget the shift of the last solve, whose factor is not of this one."""
+        self._shift = 0.0
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        for item in (self._own, self._start, self._soft, self._image):
+            if item is not None:
+                item.destroy()
+
+    def _negatives(self) -> int:
+        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(NEGATIVE))
+
+    def _refactor(self) -> None:
+        self._assemble()
+        self._shift = 0.0
+        self._factor()
+
+    def _factor(self) -> None:
+        """Factorise the matrix as it is; null pivots, as of free motion, are not negative."""
+        self._ksp.setOperators(self._matrix)
+        self._ksp.setUp()
+        factor = self._ksp.getPC().getFactorMatrix()
+        if factor.getMumpsInfog(STATUS) < 0:
+            factor.setMumpsIcntl(COUNT_NULL, 1)
+            self._matrix.stateIncrease()  # so that it is factorised again
+            self._ksp.setOperators(self._matrix)
+            self._ksp.setUp()
+            factor.setMumpsIcntl(COUNT_NULL, 0)
+
+    def _make_definite(self) -> None:
+        """Shift the matrix until its factor has no negative pivot."""
+        shift = 2 * abs(self._sweep(FIRST_SWEEPS))
+        for _ in range(TRIALS):
+            self._matrix.shift(shift - self._shift)
+            self._shift = shift
+            self._factor()
+            if not self._negatives():
+                return
+            shift *= GROWTH
+
+    def _sweep(self, number: int) -> float:
+        """Iterate with the inverse; return Rayleigh's quotient (N/m) of the softest vector."""
+        value = 0.0
+        for _ in range(number):
+            self._ksp.solve(self._soft, self._image)
+            size = self._image.norm()
+            value = self._image.dot(self._soft) / size**2
+            self._image.copy(self._soft)
+            self._soft.scale(1 / size)
+        return value - self._shift
+
+
+def start_vector(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], seed: int) -> Any:
+    """Return a smooth random field as a vector, zero where placements are prescribed.
+
+    It depends on positions and seed alone, so that any number of ranks has the same.
+
+    Args:
+        space: Space of the displacements.
+        bcs: Prescribed placements.
+        seed: Of the random numbers.
+    """
+    places = space.tabulate_dof_coordinates()[:, :2]
+    (low, high), size = bounds(space), space.dofmap.index_map_bs
+    random = np.random.default_rng(seed)
+    waves = random.uniform(-SHORTEST, SHORTEST, (WAVES, 2)) * 2 * np.pi / np.max(high - low)
+    phases = random.uniform(0, 2 * np.pi, WAVES)
+    weights = random.standard_normal((WAVES, size))
+    field = fem.Function(space)
+    field.x.array[:] = (np.sin((places - low) @ waves.T + phases) @ weights).ravel()
+    vector = field.x.petsc_vec.copy()
+    fem_petsc.set_bc(vector, list(bcs), alpha=0.0)
+    vector.scale(1 / vector.norm())
+    return vector
+
+
+def bounds(space: fem.FunctionSpace) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and largest x and y (m) of a space's positions; collective."""
+    places, comm = space.tabulate_dof_coordinates()[:, :2], space.mesh.comm
+    low = comm.allgather(places.min(axis=0, initial=np.inf))
+    high = comm.allgather(places.max(axis=0, initial=-np.inf))
+    return np.min(low, axis=0), np.max(high, axis=0)
+
+
+def _counts(ksp: Any) -> bool:
+    """Return whether a solver's factor tells the number of negative eigenvalues."""
+    pc = ksp.getPC()
+    exact = ksp.getType() == "preonly" and pc.getType() == "cholesky"
+    return bool(exact and pc.getFactorSolverType() == "mumps")
+
+
+def _counting(matrix: Any) -> Any:
+    """Return a solver whose factor does."""
+    ksp = PETSc.KSP().create(matrix.comm)
+    ksp.setType("preonly")
+    ksp.getPC().setType("cholesky")
+    ksp.getPC().setFactorSolverType("mumps")
+    return ksp

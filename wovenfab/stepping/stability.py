@@ -1,0 +1,148 @@
+"""What a march does where an equilibrium is no minimum: stop, follow the branch, or ignore."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.solver.branch import leave_saddle, softest_mode
+from wovenfab.solver.equilibrium import Equilibrium, Outcome
+
+Treatment = Literal["stop", "follow", "ignore"]
+#: A loss is found once the forces on both sides of it agree to this, relative, ...
+SAME_FORCE = 1e-3
+#: ... or the steps have come down to this share of a planned one.
+SHORTEST = 2.0**-30
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Where stability is lost: between a minimum and the saddle next to it.
+
+    Attributes:
+        time, displacement: Of the minimum, s and m.
+        step, increment: From there to the saddle, s and m.
+        reactions: Force (N; x, y) at each held edge at the minimum.
+        negatives: Number of negative eigenvalues of the tangent at the saddle.
+        saddle: Displacement of all unknowns there, m.
+        mode: Direction in which the energy falls most; its largest component is 1 m.
+    """
+
+    time: float
+    displacement: float
+    step: float
+    increment: float
+    reactions: dict[str, tuple[float, float]]
+    negatives: int
+    saddle: NDArray[np.float64]
+    mode: NDArray[np.float64]
+
+    def __str__(self) -> str:
+        """Say where, how well it is known, and at which load."""
+        load = max(float(np.hypot(*force)) for force in self.reactions.values())
+        return (
+            f"the sheet loses its stability at t = {self.time:.6g} s (displacement "
+            f"{1e3 * self.displacement:.6g} mm, known to {1e3 * abs(self.increment):.1g} mm) "
+            f"under a force of {load:.6g} N"
+        )
+
+
+class StabilityLostError(Exception):
+    """No minimum beyond the last accepted state, which has been restored.
+
+    Attributes:
+        loss: Where.
+    """
+
+    def __init__(self, loss: Loss, followed: bool) -> None:
+        """Say where and what can be done."""
+        remedy = (
+            "no minimum was found beyond; take smaller steps"
+            if followed
+            else "solver.stability=follow goes on along the branch"
+        )
+        super().__init__(f"{loss}; {remedy}")
+        self.loss = loss
+
+
+class Stability:
+    """Watches that a march stays on minima.
+
+    Attributes:
+        loss: The loss that was found and not yet passed, or None.
+    """
+
+    def __init__(
+        self, model: Model, constraints: Constraints, equilibrium: Equilibrium, treatment: Treatment
+    ) -> None:
+        """Watch a model and its solver."""
+        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
+        self._treatment = treatment
+        self.loss: Loss | None = None
+
+    @property
+    def follows(self) -> bool:
+        """Whether the march goes on along the branch."""
+        return self._treatment == "follow"
+
+    def refuses(self, outcome: Outcome) -> bool:
+        """Return whether an outcome is a saddle that must not be accepted."""
+        return outcome.converged and outcome.negatives > 0 and self._treatment != "ignore"
+
+    def is_close(self, force: NDArray[np.float64], share: float, smallest: float) -> bool:
+        """Return whether a refused saddle is so near to the last minimum that it tells where.
+
+        Args:
+            force: Internal force of the last minimum at own unknowns, N.
+            share: Length of the step to the saddle over that of the planned one.
+            smallest: Share below which steps need not be cut.
+        """
+        if self.loss is not None or share <= SHORTEST:
+            return True
+        before, now = (self._resultants(f) for f in (force, self._equilibrium.force))
+        change = float(np.abs(now - before).max())
+        return share < 2 * smallest and change <= SAME_FORCE * float(np.abs(now).max())
+
+    def leave(
+        self, now: tuple[float, float], until: tuple[float, float], force: NDArray[np.float64],
+        outcome: Outcome,
+    ) -> Outcome:  # fmt: skip
+        """Note the loss and go from the saddle to a minimum, if that is wanted.
+
+        Args:
+            now: Time (s) and displacement (m) of the last minimum.
+            until: The same of the saddle.
+            force: Internal force of the last minimum at own unknowns, N.
+            outcome: That of the saddle.
+        """
+        if self.loss is None:
+            self.loss = Loss(
+                *now,
+                step=until[0] - now[0],
+                increment=until[1] - now[1],
+                reactions=self._constraints.reactions(force),
+                negatives=outcome.negatives,
+                saddle=self._model.field.x.array.copy(),
+                mode=softest_mode(self._model, self._equilibrium),
+            )
+        if self.follows:
+            return leave_saddle(self._model, self._equilibrium, self.loss.mode)
+        return outcome
+
+    def passed(self) -> Loss | None:
+        """Return the loss that an accepted minimum lies beyond, and forget it."""
+        loss, self.loss = self.loss, None
+        return loss
+
+    def give_up(self) -> StabilityLostError:
+        """Return the error that ends the march."""
+        assert self.loss is not None
+        return StabilityLostError(self.loss, self.follows)
+
+    def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.array(list(self._constraints.reactions(force).values()))
