@@ -32,6 +32,9 @@ TABLE_1 = {
 BONDED = ("stretch", "shear", "bending")
 COUPLED = (*BONDED, "coupling")
 CLAMP = (Held(), Held())
+#: Pushed by a positive program, and fibres that run from grip to grip.
+PUSH = (Grip("left", CLAMP), Grip("right", (Held(-1.0), Held())))
+ALONG = (0.0, pi / 2)
 PULL = (Grip("left", CLAMP), Grip("right", (Held(1.0), Held())))
 BIAS = (pi / 4, -pi / 4)
 #: Discretisation of the prototype; tests that need nothing else share its kernels.

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import read_case
+from wovenfab.record.stored_fields import read_fields
 
 #: A bonded sheet with spin friction on a coarse mesh: one placement, two cycles, quick.
 CASE = """\
@@ -31,7 +32,7 @@ output: {every: 4, pictures: false}
 COLUMNS = (
     "step,time_s,displacement_m,force_N,force_transverse_N,energy_J,energy_bending_J,"
     "energy_shear_J,energy_stretch_J,dissipated_J,dissipated_spin_friction_J,work_J,imbalance_J,"
-    "newton_iterations"
+    "newton_iterations,negative_eigenvalues"
 )
 
 
@@ -128,6 +129,47 @@ def test_a_step_that_cannot_be_made_ends_with_3_and_keeps_what_was_computed(
     summary = json.loads((folder / "failed" / "summary.json").read_text())
     assert summary["outcome"].startswith("no equilibrium")
     assert summary["cut_backs"] > 0
+
+
+#: What makes the small case buckle: yarns along the axis, and a push.
+PUSH = (
+    "--set", "sheet.fibres=[0 deg, 90 deg]", "--set", "effects.spin_friction=null",
+    "--set", "program={type: ramp, to: -2 mm, steps: 2}",
+)  # fmt: skip
+
+
+def test_a_sheet_that_buckles_ends_with_3_its_critical_load_and_its_mode(folder: Path) -> None:
+    ended = wovenfab("run", "small.yaml", "-o", "buckled", *PUSH, cwd=folder)
+    assert ended.returncode == 3, ended.stderr
+    assert "loses its stability at t = " in ended.stderr
+    assert "solver.stability=follow goes on along the branch" in ended.stderr
+    summary = json.loads((folder / "buckled" / "summary.json").read_text())
+    (loss,) = summary["losses_of_stability"]
+    last = rows(folder / "buckled")[-1]
+    assert (loss["displacement_m"], loss["force_N"]) == (
+        float(last["displacement_m"]), float(last["force_N"])
+    )  # fmt: skip
+    assert all(row["negative_eigenvalues"] == "0" for row in rows(folder / "buckled"))
+    modes = read_fields(folder / "buckled", "mode")
+    assert modes.times.tolist() == [loss["time_s"]]
+    mode = modes.field("mode", 0)
+    assert abs(mode).max() == pytest.approx(1.0, rel=1e-6)
+    assert abs(mode[:, 1]).max() == abs(mode).max()  # across the yarns
+
+
+def test_a_branch_is_followed_and_a_saddle_told(folder: Path) -> None:
+    along = wovenfab(
+        "run", "small.yaml", "-o", "followed", *PUSH, "--set", "solver.stability=follow", cwd=folder
+    )
+    stays = wovenfab(
+        "run", "small.yaml", "-o", "ignored", *PUSH, "--set", "solver.stability=ignore", cwd=folder
+    )
+    assert (along.returncode, stays.returncode) == (0, 0)
+    assert "branch followed" in along.stdout and "warning" not in along.stdout
+    assert "warning: 2 of 2 states are saddles" in stays.stdout
+    energies = [float(rows(folder / d)[-1]["energy_J"]) for d in ("followed", "ignored")]
+    assert energies[0] < 0.2 * energies[1]
+    assert json.loads((folder / "followed" / "summary.json").read_text())["saddles"] == 0
 
 
 def test_petsc_options_are_reachable_from_the_case_and_the_command_line(folder: Path) -> None:

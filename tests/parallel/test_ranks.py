@@ -28,6 +28,7 @@ from wovenfab.solver.equilibrium import Controls
 from wovenfab.stepping.march import March, Step, StepFailedError
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.stability import Loss
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -247,3 +248,29 @@ def test_edges_have_the_same_facets_on_all_ranks_together() -> None:
             counts.append({edge: comm.allreduce(n) for edge, n in mine.items()})
         assert counts[0] == counts[1]
         assert min(counts[1].values()) > 0
+
+
+def buckled(comm: MPI.Comm) -> tuple[Loss, Step, float]:
+    """Return the loss, the last step on the branch, and the deflection there."""
+    on = scenes.sheet(fibres=scenes.ALONG, comm=comm)
+    model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
+    constraints, equilibrium = scenes.solver(model, scenes.PUSH, Controls(descend=True))
+    program = program_of([ramp(0.0, 2e-4, 1.0, 1)])
+    scheme = SCHEMES["backward-euler"]
+    march = March(model, constraints, equilibrium, program, scheme, 1 / 1024, "follow")
+    steps = list(march.steps())
+    equilibrium.destroy()
+    (loss,) = [s.loss for s in steps if s.loss]
+    across = model.field.x.array[1::2]
+    sides = comm.allgather((float(across.min()), float(across.max())))
+    return loss, steps[-1], max((a for pair in sides for a in pair), key=abs)
+
+
+def test_all_ranks_together_find_the_critical_load_and_the_branch_of_one() -> None:
+    (loss, end, side), (alone, last, expected) = buckled(COMM), buckled(ALONE)
+    assert (loss.time, loss.step, loss.negatives) == (alone.time, alone.step, alone.negatives)
+    assert loss.reactions["right"][0] == pytest.approx(alone.reactions["right"][0], rel=1e-8)
+    assert end.negatives == last.negatives == 0
+    assert side == pytest.approx(expected, rel=1e-5)  # the same sign, too
+    assert end.reactions["right"][0] == pytest.approx(last.reactions["right"][0], rel=1e-8)
+    assert COMM.allgather(str(loss)) == [str(loss)] * COMM.size

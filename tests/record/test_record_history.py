@@ -31,6 +31,7 @@ SECOND = StepRecord(
     work=4.0,
     iterations=5,
     reactions={"left": (-2 / 7, 0.1), "right": (2 / 7, -0.1)},
+    negatives=2,
 )
 
 
@@ -43,7 +44,7 @@ def test_the_columns_are_the_promised_ones(tmp_path: Path) -> None:
     assert (tmp_path / "history.csv").read_text() == (
         "step,time_s,displacement_m,force_N,force_transverse_N,energy_J,energy_stretch_J,"
         "energy_bending_J,dissipated_J,dissipated_slip_friction_J,work_J,imbalance_J,"
-        "newton_iterations\n"
+        "newton_iterations,negative_eigenvalues\n"
     )
     assert (tmp_path / "reactions.csv").read_text() == (
         "step,time_s,left_x_N,left_y_N,right_x_N,right_y_N\n"
@@ -67,6 +68,7 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
     assert table["force_transverse_N"][1] == SECOND.force_transverse
     assert table["energy_bending_J"][1] == 1.25
     assert table["newton_iterations"].tolist() == [0, 5]
+    assert table["negative_eigenvalues"].tolist() == [0, 2]
     assert [reactions[f"{edge}_{xy}_N"][1] for edge in ("left", "right") for xy in "xy"] == [
         *SECOND.reactions["left"],
         *SECOND.reactions["right"],

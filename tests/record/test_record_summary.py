@@ -15,6 +15,7 @@ HISTORY = {
     "work_J": np.array([0.0, 2.0, 5.0, 5.0, 4.5]),
     "imbalance_J": np.array([0.0, 0.01, -0.2, 0.1, 0.0]),
     "newton_iterations": np.array([0.0, 3.0, 5.0, 4.0, 4.0]),
+    "negative_eigenvalues": np.array([0.0, 0.0, 1.0, 2.0, 0.0]),
 }
 
 
@@ -27,6 +28,7 @@ def summary(history: dict[str, np.ndarray] = HISTORY) -> dict:
         cut_backs=2,
         seconds={"solve": np.float64(1.5)},
         ranks=2,
+        losses=[{"time_s": 0.25, "negative_eigenvalues": 1}],
     )
 
 
@@ -40,6 +42,8 @@ def test_the_figures_are_those_of_the_history() -> None:
     assert (made["peak_force_N"], made["peak_force_at_m"]) == (-300.0, 0.01)
     assert made["newton_iterations"] == {"total": 16, "mean": 4.0, "worst": 5}
     assert (made["steps"], made["dissipated_J"], made["worst_imbalance_J"]) == (4, 4.0, 0.2)
+    assert made["saddles"] == 2
+    assert made["losses_of_stability"] == [{"time_s": 0.25, "negative_eigenvalues": 1}]
     assert [cycle["dissipated_J"] for cycle in made["cycles"]] == [4.0]
 
 

@@ -41,7 +41,7 @@ def leave_saddle(model: Model, equilibrium: Equilibrium, mode: NDArray[np.float6
     """
     field, step = model.field, equilibrium.barrier.step
     step.x.array[:] = mode
-    low, high = bounds(model.space)
+    low, high = bounds(model.placements)
     farthest = min(FARTHEST * float(np.max(high - low)), SHARE * equilibrium.barrier.limit())
     saddle = field.x.array.copy()
     lengths = farthest * 0.5 ** np.arange(HALVINGS)

@@ -99,6 +99,7 @@ class Equilibrium:
         self._solution = self._residual.duplicate()
         self._diagonal = self._residual.duplicate()
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
+        self._assembled = self.force.copy()  # where the tangent was formed
         # Largest force (N) and energy (J) of an equilibrium so far, by which others are judged.
         self._force_scale = 0.0
         self._energy_scale = 0.0
@@ -118,7 +119,7 @@ class Equilibrium:
             self._snes.getKSP(),
             self._matrix,
             self._assemble_tangent,
-            start_vector(model.space, constraints.bcs, controls.seed),
+            start_vector(model.placements, constraints.bcs, controls.seed),
         )
 
     def _create_snes(self) -> Any:
@@ -153,7 +154,8 @@ class Equilibrium:
         The model's ``last`` field must hold the last equilibrium. On success the
         field holds the new one; otherwise it is undefined and the caller restores it.
         """
-        field, before = self._model.field, self._model.last.x.array.copy()
+        field = self._model.field
+        before = self._model.last.x.array[: self._solution.getLocalSize()].copy()
         self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
         self._attained = not self._constraints.unmet(field)
@@ -175,9 +177,9 @@ class Equilibrium:
         )
 
     def _unseen(self, before: NDArray[np.float64]) -> float:
-        """Return Newton's last step over the whole way from the last equilibrium."""
-        now, last = self._model.field.x.array, self._model.last.x.array
-        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (last, before)]
+        """Return how far from here the tangent was formed, over the way from the last solution."""
+        now = self._solution.array_r
+        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (self._assembled, before)]
         step, whole = np.max(self._model.comm.allgather(ways), axis=0)
         return step / whole if whole > 0 else np.inf
 
@@ -226,6 +228,7 @@ class Equilibrium:
 
     def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         self._load(x)
+        self._assembled[:] = x.array_r
         matrix.zeroEntries()
         fem_petsc.assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
         matrix.assemble()

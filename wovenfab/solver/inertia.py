@@ -17,12 +17,16 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from wovenfab.model.placements import Placements
+
 #: Of MUMPS: status, and number of negative pivots, over all ranks.
 STATUS, NEGATIVE = 1, 12
 #: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
 COUNT_NULL = 24
 #: Sweeps of inverse iteration: a step, the first step, and most for a mode (to ``SAME``).
 SWEEPS, FIRST_SWEEPS, MOST_SWEEPS, SAME = 1, 6, 400, 1e-7
+#: Share of the start that is added at each step, lest another mode become the softest unseen.
+MIXED = 0.1
 #: Share of the way between solutions that Newton's last matrix need not have seen.
 UNSEEN = 0.1
 #: Waves and their largest number along the sheet in the field that starts the iteration.
@@ -48,6 +52,7 @@ class Inertia:
         self._ksp = self._own or ksp
         self._start = start
         self._soft, self._image = start.copy(), start.duplicate()
+        self._anything = start.norm() > 0
         self._value: float | None = None  # smallest eigenvalue of the last judgement, N/m
         self._shift = 0.0  # of the present factor, N/m
 
@@ -55,16 +60,20 @@ class Inertia:
         """Return the number of negative eigenvalues of the tangent at a solution; collective.
 
         Newton's last matrix was formed one step before the solution. If that step was
-        small it decides, unless it is indefinite, or so soft that another change as large
+        short it decides, unless it is indefinite, or so soft that another change as large
         as the one since the last solution would make it so. Then, and after a large step,
         the tangent at the solution itself is factorised.
 
         Args:
-            unseen: Newton's last step over the way from the last solution to this one.
+            unseen: How far from the solution that matrix was formed, over the way from the
+                last solution to this one.
         """
+        if not self._anything:  # everything is prescribed
+            return 0
         before = self._value
         known = unseen <= UNSEEN and not self._own and not self._shift
         if known and before is not None and not self._negatives():
+            self._soft.axpy(MIXED, self._start)
             value = self._sweep(SWEEPS)
             if value > before - value:
                 self._value = value
@@ -164,33 +173,37 @@ class Inertia:
         return value - self._shift
 
 
-def start_vector(space: fem.FunctionSpace, bcs: Sequence[fem.DirichletBC], seed: int) -> Any:
+def start_vector(placements: Placements, bcs: Sequence[fem.DirichletBC], seed: int) -> Any:
     """Return a smooth random field as a vector, zero where placements are prescribed.
 
     It depends on positions and seed alone, so that any number of ranks has the same.
 
     Args:
-        space: Space of the displacements.
+        placements: The unknowns.
         bcs: Prescribed placements.
         seed: Of the random numbers.
     """
-    places = space.tabulate_dof_coordinates()[:, :2]
-    (low, high), size = bounds(space), space.dofmap.index_map_bs
+    places, (low, high) = placements.positions, bounds(placements)
     random = np.random.default_rng(seed)
     waves = random.uniform(-SHORTEST, SHORTEST, (WAVES, 2)) * 2 * np.pi / np.max(high - low)
     phases = random.uniform(0, 2 * np.pi, WAVES)
-    weights = random.standard_normal((WAVES, size))
-    field = fem.Function(space)
-    field.x.array[:] = (np.sin((places - low) @ waves.T + phases) @ weights).ravel()
+    weights = random.standard_normal((WAVES, placements.count, 2))
+    shape = np.tensordot(np.sin((places - low) @ waves.T + phases), weights, axes=1)
+    field = fem.Function(placements.space)
+    values = field.x.array.reshape(-1, 2)
+    for family in range(placements.count):
+        blocks = np.unique(placements.blocks[:, :, family])
+        values[blocks] = shape[blocks, family]
     vector = field.x.petsc_vec.copy()
     fem_petsc.set_bc(vector, list(bcs), alpha=0.0)
-    vector.scale(1 / vector.norm())
+    if size := vector.norm():  # nothing is free where all is prescribed
+        vector.scale(1 / size)
     return vector
 
 
-def bounds(space: fem.FunctionSpace) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the smallest and largest x and y (m) of a space's positions; collective."""
-    places, comm = space.tabulate_dof_coordinates()[:, :2], space.mesh.comm
+def bounds(placements: Placements) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the smallest and largest x and y (m) of the positions; collective."""
+    places, comm = placements.positions, placements.space.mesh.comm
     low = comm.allgather(places.min(axis=0, initial=np.inf))
     high = comm.allgather(places.max(axis=0, initial=-np.inf))
     return np.min(low, axis=0), np.max(high, axis=0)

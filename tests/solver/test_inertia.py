@@ -1,0 +1,192 @@
+"""What the factor tells of the tangent, against all its eigenvalues from a dense solver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests import scenes
+from wovenfab.model.model import Model
+from wovenfab.solver.branch import leave_saddle, softest_mode
+from wovenfab.solver.equilibrium import Controls, Equilibrium, Outcome
+from wovenfab.solver.inertia import Inertia
+
+#: Pushed along the yarns, the coarse sheet buckles first at 0.026 mm.
+CRITICAL = 2.6e-5
+
+
+def pushed(
+    displacement: float, controls: Controls | None = None
+) -> tuple[Model, Equilibrium, Outcome]:
+    """Return the bonded sheet after one step from rest."""
+    on = scenes.sheet(fibres=scenes.ALONG)
+    model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
+    constraints, equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    constraints.set(displacement)
+    return model, equilibrium, equilibrium.solve()
+
+
+def tangent(equilibrium: Equilibrium) -> NDArray[np.float64]:
+    equilibrium._assemble_tangent()
+    everything = np.arange(equilibrium._matrix.getSize()[0], dtype=np.int32)
+    values: NDArray[np.float64] = equilibrium._matrix.getValues(everything, everything)
+    assert np.abs(values - values.T).max() < 1e-12 * np.abs(values).max()
+    return values
+
+
+def held(equilibrium: Equilibrium) -> NDArray[np.int32]:
+    """Return the prescribed unknowns."""
+    return np.concatenate([bc.dof_indices()[0] for bc in equilibrium._constraints.bcs])
+
+
+@pytest.mark.parametrize("times", [0.0, 0.5, 0.95, 1.1, 4.0, 40.0, 400.0])
+def test_the_factor_counts_the_negative_eigenvalues(times: float) -> None:
+    _, equilibrium, outcome = pushed(times * CRITICAL)
+    eigenvalues = np.linalg.eigvalsh(tangent(equilibrium))
+    assert outcome.converged
+    assert outcome.negatives == (eigenvalues < 0).sum()
+    assert (outcome.negatives > 0) == (times > 1)
+    equilibrium.destroy()
+
+
+def test_prescribed_rows_count_as_positive() -> None:
+    _, equilibrium, outcome = pushed(40 * CRITICAL)
+    values, rows = tangent(equilibrium), held(equilibrium)
+    free = np.setdiff1d(np.arange(len(values)), rows)
+    assert (values[np.ix_(rows, rows)] == np.eye(len(rows))).all()
+    assert not values[np.ix_(rows, free)].any()
+    inside = np.linalg.eigvalsh(values[np.ix_(free, free)])
+    assert outcome.negatives == (inside < 0).sum() > 1
+    equilibrium.destroy()
+
+
+def straight(model: Model, displacement: float) -> None:
+    """Set the field of the sheet that is pushed and has not buckled."""
+    scenes.set_field(model.field, lambda x: [-displacement * x[0] / 0.9, 0 * x[1]])
+
+
+def critical() -> float:
+    """Return the critical displacement of the coarse sheet (m), bisected."""
+    low, high = 0.9 * CRITICAL, 1.1 * CRITICAL
+    model, equilibrium, _ = pushed(0.0)
+    while high - low > 1e-6 * CRITICAL:
+        middle = (low + high) / 2
+        straight(model, middle)
+        equilibrium.inertia._refactor()
+        low, high = (low, middle) if equilibrium.inertia._negatives() else (middle, high)
+    equilibrium.destroy()
+    return low
+
+
+@pytest.mark.parametrize(
+    ("start", "end"), [(0.5, 1.5), (0.999, 1.001)], ids=["formed far before", "nearly soft"]
+)
+def test_a_saddle_is_found_though_newtons_last_tangent_was_definite(
+    start: float, end: float
+) -> None:
+    """The straight sheet is so nearly linear that one Newton step, from anywhere, is enough."""
+    unit = critical()
+    model, equilibrium, first = pushed(0.5 * unit)
+    model.last.x.array[:] = model.field.x.array
+    straight(model, start * unit)
+    equilibrium._constraints.set(end * unit)
+    outcome = equilibrium.solve()
+    assert (first.negatives, outcome.converged, outcome.iterations) == (0, True, 1)
+    assert outcome.negatives == 1
+    equilibrium.destroy()
+
+
+@pytest.mark.parametrize("options", [{"pc_type": "lu"}, {"ksp_type": "gmres"}], ids=["LU", "GMRES"])
+@pytest.mark.parametrize("times", [0.5, 40.0])
+def test_other_linear_solvers_are_judged_by_a_factor_of_their_own(
+    options: dict[str, str], times: float
+) -> None:
+    _, plain, expected = pushed(times * CRITICAL)
+    _, other, outcome = pushed(times * CRITICAL, Controls(options=options))
+    assert other.inertia._own is not None
+    assert (outcome.converged, outcome.negatives) == (True, expected.negatives)
+    plain.destroy()
+    other.destroy()
+
+
+@pytest.mark.parametrize("times", [0.5, 1.1, 40.0])
+def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> None:
+    model, equilibrium, _ = pushed(times * CRITICAL)
+    values, rows = tangent(equilibrium), held(equilibrium)
+    free = np.setdiff1d(np.arange(len(values)), rows)
+    lowest, vectors = np.linalg.eigh(values[np.ix_(free, free)])
+    mode = softest_mode(model, equilibrium)
+    assert np.abs(mode).max() == pytest.approx(1.0)
+    assert not mode[rows].any()
+    part = mode[free] / np.linalg.norm(mode)
+    assert part @ values[np.ix_(free, free)] @ part == pytest.approx(lowest[0], rel=1e-4)
+    assert abs(part @ vectors[:, 0]) == pytest.approx(1.0, abs=1e-3)
+    equilibrium.destroy()
+
+
+def test_a_null_pivot_is_not_negative() -> None:
+    _, equilibrium, _ = pushed(0.0)
+    matrix, inertia = equilibrium._matrix, equilibrium.inertia
+    matrix.zeroEntries()
+    diagonal = matrix.getDiagonal()
+    diagonal.array_w[:] = 1.0
+    diagonal.array_w[[3, 7]] = 0.0
+    diagonal.array_w[5] = -1.0
+    matrix.setDiagonal(diagonal)
+    matrix.assemble()
+    inertia._factor()
+    assert inertia._negatives() == 1
+    diagonal.destroy()
+    equilibrium.destroy()
+
+
+def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
+    model, equilibrium, outcome = pushed(1.5 * CRITICAL)
+    assert outcome.negatives == 1
+    mode = softest_mode(model, equilibrium)
+    model.field.x.array[:] += 1e-6 * mode
+    equilibrium._assemble_tangent()
+    x, force, step = (equilibrium._solution.duplicate() for _ in range(3))
+    x.array_w[:] = model.field.x.array
+    equilibrium._evaluate_residual(None, x, force)
+    equilibrium.inertia._factor()
+    equilibrium.inertia._ksp.solve(force, step)
+    assert force.dot(step) < 0  # x - step has a higher potential
+    equilibrium.inertia.descend(force, step)
+    assert force.dot(step) > 0
+    for vector in (x, force, step):
+        vector.destroy()
+    equilibrium.destroy()
+
+
+def test_a_saddle_is_left_for_a_minimum_of_lower_potential_on_either_side() -> None:
+    sides = []
+    for sign in (1.0, -1.0):
+        model, equilibrium, outcome = pushed(1.5 * CRITICAL, Controls(descend=True))
+        before, at = equilibrium.energy(), model.field.x.array.copy()
+        mode = softest_mode(model, equilibrium)
+        outcome = leave_saddle(model, equilibrium, sign * mode)
+        assert outcome.converged and outcome.negatives == 0
+        assert equilibrium.energy() < before
+        sides.append((model.field.x.array - at) @ mode)
+        equilibrium.destroy()
+    assert sides[0] == pytest.approx(-sides[1], rel=1e-3)
+    assert sides[0] > 0
+
+
+def test_tension_needs_one_more_factor_in_the_whole_program(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All other judgements are made on the factor that Newton's method needed anyway."""
+    made = []
+    whole = Inertia._refactor
+    monkeypatch.setattr(Inertia, "_refactor", lambda self: (made.append(1), whole(self))[1])
+    model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
+    constraints, equilibrium = scenes.solver(model)
+    for displacement in np.linspace(0.0, 0.1, 11)[1:]:
+        model.last.x.array[:] = model.field.x.array
+        constraints.set(displacement)
+        assert equilibrium.solve().negatives == 0
+    assert len(made) == 1
+    equilibrium.destroy()
