@@ -43,6 +43,9 @@ start_bwrap() {
   arguments+=(--dev /dev --proc /proc --ro-bind /sys /sys)
   for name in "${folders[@]}"; do arguments+=(--bind "$name" "$name"); done
   for name in "${files[@]}"; do arguments+=(--ro-bind "$name" "$name"); done
+  # mpirun names its folder after its process number, which another start has as well.
+  arguments+=(--tmpfs /run/mpi)
+  export PRTE_MCA_prte_tmpdir_base=/run/mpi
   attend bwrap --die-with-parent --unshare-pid "${arguments[@]}" --remount-ro / \
     --chdir "$PWD" /usr/bin/env "$default_signals" "$@"
 }
