@@ -3,7 +3,13 @@ from pathlib import Path
 import pytest
 from mpi4py import MPI
 
-from wovenfab.record.results import FILES, ResultsExistError, open_results, write_whole
+from wovenfab.record.results import (
+    FILES,
+    ResultsExistError,
+    open_results,
+    require_free,
+    write_whole,
+)
 
 
 def test_a_new_directory_is_made_with_its_parents(tmp_path: Path) -> None:
@@ -18,6 +24,17 @@ def test_results_are_refused_a_second_time_with_both_remedies(tmp_path: Path) ->
     open_results(tmp_path)
     with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
         open_results(tmp_path)
+
+
+def test_a_directory_is_refused_early_without_a_trace(tmp_path: Path) -> None:
+    require_free(tmp_path / "results")
+    assert not (tmp_path / "results").exists()
+    used = open_results(tmp_path / "used")
+    (used / FILES[0]).write_text("old")
+    with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
+        require_free(used)
+    require_free(used, overwrite=True)
+    assert (used / FILES[0]).read_text() == "old"
 
 
 def test_overwriting_removes_our_files_and_keeps_the_users(tmp_path: Path) -> None:

@@ -22,7 +22,7 @@ HISTORY = {
 def summary(history: dict[str, np.ndarray] = HISTORY) -> dict:
     return summarise(
         history,
-        [0.0, 1.0],
+        [(0.0, 1.0)],
         outcome="finished",
         unknowns=1234,
         cut_backs=2,

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import sys
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +209,7 @@ def make(
                 series.write(row.step, row.time, {name: found[name] for name in units})
     summary = summarise(
         read_history(directory),
-        bounds,
+        list(pairwise(bounds)),
         outcome="finished",
         unknowns=2 * len(points),
         cut_backs=0,

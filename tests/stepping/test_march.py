@@ -124,6 +124,23 @@ def test_after_the_smallest_step_the_last_state_is_restored_bit_for_bit() -> Non
     assert len(steps) >= 5
 
 
+def test_every_rejected_attempt_is_counted_those_before_a_failure_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    solves, whole = count(), Equilibrium.solve
+
+    def solve(self: Equilibrium) -> object:
+        next(solves)
+        return whole(self)
+
+    monkeypatch.setattr(Equilibrium, "solve", solve)
+    program = program_of([ramp(0.0, 0.01, 1.0, 4), ramp(0.01, 5.0, 1.0, 1)])
+    steps, _, failure = run(bonded(SHORT), program, Controls(max_iterations=6), smallest_step=0.3)
+    assert failure is not None and failure.cutbacks == 2
+    accepted, rejected = len(steps) - 1, sum(s.cutbacks for s in steps) + failure.cutbacks
+    assert accepted + rejected == next(solves)
+
+
 def test_a_failure_says_when_where_and_why() -> None:
     steps, _, failure = run(bonded(), pull(0.1, 1), Controls(max_iterations=1), smallest_step=0.2)
     assert len(steps) == 1

@@ -46,9 +46,9 @@ def test_reversals_and_returns_are_hit_bit_for_bit(
     for i, (amplitude, period) in enumerate(zip(AMPLITUDES, periods, strict=True)):
         top, end = points[40 * i + 20], points[40 * i + 40]
         assert (top.time, top.displacement) == (start + period / 2, amplitude)
-        start = top.time + period / 2
+        begun, start = start, top.time + period / 2
         assert (end.time, end.displacement) == (start, 0.0)
-        assert end.ends_cycle and not top.ends_cycle
+        assert program.cycles[i] == (begun, start)
         for point in (top, end):
             assert program.displacement(point.time) == point.displacement
 
@@ -66,6 +66,14 @@ def test_cycles_have_their_largest_velocity_or_their_frequency(speed: dict[str, 
     else:
         assert 1 / periods == pytest.approx(0.7, rel=1e-12)
         assert peaks == pytest.approx(pi * 0.7 * np.array(AMPLITUDES), rel=1e-6)
+
+
+def test_a_cycle_begins_where_its_segment_does() -> None:
+    ramps = [ramp(0.0, 0.01, 0.25, 3), ramp(0.01, 0.02, 0.5, 3)]
+    first, second = (cycle(base, 0.05, 2.0, 16) for base in (0.01, 0.02))
+    program = program_of([ramps[0], *first, *first, ramps[1], *second])
+    assert program.cycles == [(0.25, 2.25), (2.25, 4.25), (4.75, 6.75)]
+    assert program_of(ramps).cycles == []
 
 
 def test_a_cycle_follows_its_closed_form_and_starts_where_the_last_segment_ended() -> None:

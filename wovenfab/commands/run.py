@@ -5,13 +5,14 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from wovenfab.case import read_case
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, Voice
-from wovenfab.record.results import ResultsExistError, open_results
+from wovenfab.record.results import ResultsExistError, open_results, require_free
 from wovenfab.report.apart import draw_apart
 from wovenfab.simulation.progress import Progress, Stopwatch
 
@@ -30,23 +31,29 @@ def run_case(
     started = time.perf_counter()
     case = read_case(path, overrides)
     voice = Voice()
-    with voice:
+    with voice, ExitStack() as stack:
         voice.progress(Progress("loading"))
         _start_petsc(petsc)
+        from wovenfab.simulation.rig import rig_of
         from wovenfab.simulation.run import run
 
         watch = Stopwatch()
         watch.seconds["import"] = time.perf_counter() - started
         if not _blas_is_fast():
             voice.say(SLOW_BLAS)
+        directory = output or Path("results") / case.name
         try:
             with watch.phase("mesh"):
                 sheet = sheet_for(case, path, overrides)
-            directory = open_results(output or Path("results") / case.name, overwrite)
+            require_free(directory, overwrite)
+            voice.progress(Progress("compiling the effects"))
+            with watch.phase("compile"):
+                rig = stack.enter_context(rig_of(case, sheet))
+            open_results(directory, overwrite)
         except (ResultsExistError, OSError) as error:
             voice.problem(str(error))
             return BAD_INPUT
-        result = run(case, sheet, directory, voice.progress, watch)
+        result = run(case, rig, directory, voice.progress, watch)
     if case.output.pictures:
         warning = draw_apart(directory).warning
         if warning is not None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,12 +44,14 @@ class Cycle:
         }
 
 
-def cycles(history: Mapping[str, NDArray[np.float64]], boundaries: Sequence[float]) -> list[Cycle]:
+def cycles(
+    history: Mapping[str, NDArray[np.float64]], spans: Iterable[tuple[float, float]]
+) -> list[Cycle]:
     """Return the figures of each cycle that the history entered.
 
     Args:
         history: Columns of ``history.csv``.
-        boundaries: Times (s) at which cycles begin and end, ascending: one more than cycles.
+        spans: Times (s) at which each cycle begins and ends, in order.
     """
     time = history["time_s"]
     if len(time) < 2:
@@ -58,7 +59,7 @@ def cycles(history: Mapping[str, NDArray[np.float64]], boundaries: Sequence[floa
     slack = 1e-9 * (time[-1] - time[0])
     return [
         _cycle(history, start, end, bool(end <= time[-1] + slack))
-        for start, end in pairwise(boundaries)
+        for start, end in spans
         if start < time[-1] - slack
     ]
 

@@ -57,6 +57,20 @@ def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
     return directory
 
 
+def require_free(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> None:
+    """Refuse early what :func:`open_results` would refuse, and change nothing; collective.
+
+    Args:
+        path: The directory.
+        overwrite: Whether the results of an earlier run may be replaced.
+        comm: The ranks that call; all of MPI's if None.
+
+    Raises:
+        ResultsExistError: The directory is in use; the message says what to do.
+    """
+    on_root(world() if comm is None else comm, lambda: _refuse(Path(path), overwrite))
+
+
 def write_whole(path: Path, text: str) -> None:
     """Write a file such that a reader finds the old text or the new one, never a part."""
     part = path.with_name(f".{path.name}.part")
@@ -64,23 +78,14 @@ def write_whole(path: Path, text: str) -> None:
     part.replace(path)
 
 
-def _prepare(directory: Path, overwrite: bool) -> None:
+def _refuse(directory: Path, overwrite: bool) -> None:
     if directory.exists() and not directory.is_dir():
         raise ResultsExistError(
             f"{directory} is a file, so no results can be written there; "
             "choose another directory with -o"
         )
-    directory.mkdir(parents=True, exist_ok=True)
-    if any(directory.iterdir()):
-        _clear(directory, overwrite)
-    try:
-        (directory / MARKER).touch(exist_ok=False)
-    except FileExistsError:  # another run was quicker
-        raise _exists(directory) from None
-
-
-def _clear(directory: Path, overwrite: bool) -> None:
-    """Remove an earlier run's files, the marker last."""
+    if not directory.exists() or not any(directory.iterdir()):
+        return
     if not (directory / MARKER).exists():
         raise ResultsExistError(
             f"{directory} holds files that wovenfab did not write, so it is left alone; "
@@ -88,10 +93,25 @@ def _clear(directory: Path, overwrite: bool) -> None:
         )
     if not overwrite:
         raise _exists(directory)
+
+
+def _prepare(directory: Path, overwrite: bool) -> None:
+    _refuse(directory, overwrite)
+    directory.mkdir(parents=True, exist_ok=True)
+    if overwrite:
+        _clear(directory)
+    try:
+        (directory / MARKER).touch(exist_ok=False)
+    except FileExistsError:  # another run was quicker
+        raise _exists(directory) from None
+
+
+def _clear(directory: Path) -> None:
+    """Remove an earlier run's files, the marker last."""
     for name in FILES:
         (directory / name).unlink(missing_ok=True)
         (directory / f".{name}.part").unlink(missing_ok=True)
-    (directory / MARKER).unlink()
+    (directory / MARKER).unlink(missing_ok=True)
 
 
 def _exists(directory: Path) -> ResultsExistError:

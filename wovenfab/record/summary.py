@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,7 @@ SUMMARY = "summary.json"
 
 def summarise(
     history: Mapping[str, NDArray[np.float64]],
-    boundaries: Sequence[float],
+    spans: Iterable[tuple[float, float]],
     *,
     outcome: str,
     unknowns: int,
@@ -38,7 +38,7 @@ def summarise(
 
     Args:
         history: Columns of ``history.csv``.
-        boundaries: Times (s) at which cycles begin and end, ascending.
+        spans: Times (s) at which each cycle begins and ends, in order.
         outcome: ``"finished"``, or the reason of the failure in plain words.
         unknowns: Number of unknowns.
         cut_backs: How often a step was restored and retried with a smaller size.
@@ -58,7 +58,7 @@ def summarise(
         "dissipated_J": float(history["dissipated_J"][-1]) if rows else None,
         "work_J": float(history["work_J"][-1]) if rows else None,
         "worst_imbalance_J": float(np.abs(history["imbalance_J"]).max()) if rows else None,
-        "cycles": [cycle.as_dict() for cycle in cycles(history, boundaries)],
+        "cycles": [cycle.as_dict() for cycle in cycles(history, spans)],
         "unknowns": unknowns,
         "newton_iterations": {
             "total": int(iterations.sum()),

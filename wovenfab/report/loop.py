@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from textwrap import fill
 
 import numpy as np
@@ -53,6 +53,8 @@ def _draw_cycles(axes: Axes, source: Source, unit: Unit) -> None:
     most = max(cycle.dissipated for cycle in source.cycles)
     energy = readable("J", most) if most > 0 else None
     count = len(source.cycles)
+    for part in _rest(source):
+        axes.plot(*_path(part, unit), color=QUIET, linewidth=0.8, zorder=2)
     for number, (cycle, shade) in enumerate(zip(source.cycles, sequence(count), strict=True), 1):
         path = _path(window(source.history, cycle.start, cycle.end), unit)
         label, order = _label(number, cycle, energy), 8 - 5 * number / count
@@ -65,6 +67,15 @@ def _draw_cycles(axes: Axes, source: Source, unit: Unit) -> None:
         alignment="left",
         ncols=1 + (count - 1) // 8,
     )
+
+
+def _rest(source: Source) -> Iterator[Mapping[str, Values]]:
+    """Yield the parts of the history before, between and after the cycles."""
+    time = source.history["time_s"]
+    bounds = [time[0], *(t for cycle in source.cycles for t in (cycle.start, cycle.end)), time[-1]]
+    for start, end in zip(bounds[::2], bounds[1::2], strict=True):
+        if end - start > 1e-9 * (time[-1] - time[0]):
+            yield window(source.history, start, end)
 
 
 def _path(part: Mapping[str, Values], unit: Unit) -> tuple[Values, Values]:

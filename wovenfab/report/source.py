@@ -52,7 +52,7 @@ def open_source(directory: str | Path) -> Source:
     angles = (case.get("sheet") or {}).get("fibres")
     fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
     title = str(case.get("title") or folder.resolve().name)
-    return Source(folder, title, fibres, history, cycles(history, _bounds(folder)))
+    return Source(folder, title, fibres, history, cycles(history, _spans(folder)))
 
 
 def _case(folder: Path) -> dict[str, Any]:
@@ -60,12 +60,12 @@ def _case(folder: Path) -> dict[str, Any]:
     return dict(YAML(typ="safe").load(path) or {}) if path.exists() else {}
 
 
-def _bounds(folder: Path) -> list[float]:
+def _spans(folder: Path) -> list[tuple[float, float]]:
     try:
         found = read_summary(folder)["cycles"]
     except (FileNotFoundError, json.JSONDecodeError, KeyError):
         return []
-    return [cycle["start_s"] for cycle in found] + [cycle["end_s"] for cycle in found[-1:]]
+    return [(cycle["start_s"], cycle["end_s"]) for cycle in found]
 
 
 def _direction(angle: float | str) -> tuple[float, float]:

@@ -18,18 +18,10 @@ from wovenfab.record.history import History, StepRecord, read_history
 from wovenfab.record.lattice import Lattice
 from wovenfab.record.results import write_whole
 from wovenfab.record.summary import summarise, write_summary
-from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.assemble import (
-    constraints_of,
-    driven_edge,
-    equilibrium_of,
-    model_of,
-    program_of_case,
-    scheme_of,
-)
 from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
-from wovenfab.stepping.march import March, Step, StepFailedError
+from wovenfab.simulation.rig import Rig
+from wovenfab.stepping.march import Step, StepFailedError
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.stability import StabilityLostError
 
@@ -48,46 +40,32 @@ class Result:
 
 
 def run(
-    case: Case, sheet: Sheet, directory: Path, tell: Callable[[Progress], None], watch: Stopwatch
+    case: Case, rig: Rig, directory: Path, tell: Callable[[Progress], None], watch: Stopwatch
 ) -> Result:
-    """Run a case on its sheet into a directory made by ``open_results``; collective.
+    """Run a mounted case into a directory made by ``open_results``; collective.
 
     A step that cannot be made, or stability that is lost, ends the run early with all
     results so far intact.
 
     Args:
         case: The validated case.
-        sheet: Its meshed sheet.
+        rig: What was made of it.
         directory: The results directory.
         tell: Called on every rank with the progress.
         watch: Has the wall times of the phases before this one, and gets the others.
     """
-    comm = sheet.mesh.comm
+    model, march, program = rig.model, rig.march, rig.program
+    comm = model.comm
     on_root(comm, lambda: write_whole(directory / "case.yaml", dump_case(case)))
-    tell(Progress("compiling the effects"))
     with watch.phase("compile"):
-        model = model_of(case, sheet)
-        constraints = constraints_of(case, model)
-        equilibrium = equilibrium_of(case, model, constraints)
         fields = _Fields(case, model, directory)
     tell(Progress("stepping", unknowns=model.unknowns))
-    program = program_of_case(case)
-    march = March(
-        model,
-        constraints,
-        equilibrium,
-        program,
-        scheme_of(case),
-        case.time.smallest_step,
-        case.solver.stability,
-    )
-    edge, direction = driven_edge(case)
-    modes = Modes(model, directory, edge, direction)
     stored = [e.name for e in model.effects if not e.dissipative]
     lost = [e.name for e in model.effects if e.dissipative]
+    modes = Modes(model, directory, *rig.driven)
     failure: StepFailedError | StabilityLostError | None = None
     cutbacks = 0
-    with History(directory, stored, lost, constraints.edges, comm) as history:
+    with History(directory, stored, lost, rig.constraints.edges, comm) as history:
         steps = march.steps()
         while True:
             try:
@@ -95,9 +73,11 @@ def run(
                     step = next(steps, None)
             except StepFailedError as error:
                 failure = error
+                cutbacks += error.cutbacks
                 break
             except StabilityLostError as error:
                 failure = error
+                cutbacks += error.cutbacks
                 modes.add(error.loss)
                 break
             if step is None:
@@ -105,17 +85,16 @@ def run(
             cutbacks += step.cutbacks
             if step.loss is not None:
                 modes.add(step.loss)
-            history.append(_row(step, edge, direction))
+            history.append(_row(step, rig))
             with watch.phase("fields"):
                 fields.write(step, program)
             tell(
                 Progress("stepping", step.time / program.milestones[-1].time, step, model.unknowns)
             )
-    equilibrium.destroy()
     rows = comm.bcast(read_history(directory) if comm.rank == 0 else None)
     summary = summarise(
         rows,
-        cycle_times(program),
+        program.cycles,
         outcome="finished" if failure is None else str(failure),
         unknowns=model.unknowns,
         cut_backs=cutbacks,
@@ -127,15 +106,8 @@ def run(
     return Result(failure, summary)
 
 
-def cycle_times(program: Program) -> list[float]:
-    """Return the times (s) at which cycles begin and end."""
-    ends = [m.time for m in program.milestones if m.ends_cycle]
-    return [0.0, *ends] if ends else []
-
-
-def _row(step: Step, edge: str, direction: tuple[float, float]) -> StepRecord:
-    fx, fy = step.reactions[edge]
-    along, across = (direction[0] * fx + direction[1] * fy, direction[0] * fy - direction[1] * fx)
+def _row(step: Step, rig: Rig) -> StepRecord:
+    along, across = rig.force(step)
     return StepRecord(
         step=step.number,
         time=step.time,

@@ -60,16 +60,20 @@ class StepFailedError(Exception):
         displacement: Displacement that was not reached, m.
         step: Length of the smallest step tried, s.
         outcome: How the last attempt ended.
+        cutbacks: Rejected attempts since the last accepted step.
     """
 
-    def __init__(self, time: float, displacement: float, step: float, outcome: Outcome) -> None:
+    def __init__(
+        self, time: float, displacement: float, step: float, outcome: Outcome, cutbacks: int
+    ) -> None:
         """Say where and why."""
         super().__init__(
             f"no equilibrium at t = {time:.6g} s (displacement {1e3 * displacement:.6g} mm) even "
             f"with a step of {step:.3g} s: {outcome.reason} after {outcome.iterations} iterations, "
             f"residual {outcome.residual:.3g} N"
         )
-        self.time, self.displacement, self.step, self.outcome = (time, displacement, step, outcome)
+        self.time, self.displacement, self.step = time, displacement, step
+        self.outcome, self.cutbacks = outcome, cutbacks
 
 
 @dataclass(frozen=True)
@@ -164,13 +168,12 @@ class March:
             if self._stability.loss is not None:  # try farther beyond it, if that is wanted
                 pending.pop()
                 if not pending or not self._stability.follows:
-                    raise self._stability.give_up()
+                    raise self._stability.give_up(self._cutbacks)
                 continue
             half = (until - self._time) / 2
             if half < self._smallest * planned and not refused:
-                raise StepFailedError(
-                    until, self._program.displacement(until), until - self._time, outcome
-                )
+                end_of_step, step = self._program.displacement(until), until - self._time
+                raise StepFailedError(until, end_of_step, step, outcome, self._cutbacks)
             pending.append((self._time + half, None))  # type: ignore[arg-type]
 
     def _settled(self, until: float, planned: float, outcome: Outcome) -> Outcome:

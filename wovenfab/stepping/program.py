@@ -20,6 +20,7 @@ class Stretch:
         steps: Number of planned steps.
         path: Displacement (m) against the time since its start (s).
         jump: The velocity jumps at its start.
+        starts_cycle: A load cycle starts with it.
         ends_cycle: A load cycle ends with it.
     """
 
@@ -27,6 +28,7 @@ class Stretch:
     steps: int
     path: Callable[[float], float]
     jump: bool
+    starts_cycle: bool = False
     ends_cycle: bool = False
 
 
@@ -38,13 +40,11 @@ class Milestone:
         time: s.
         displacement: m.
         jump: The velocity jumps here.
-        ends_cycle: A load cycle ends here.
     """
 
     time: float
     displacement: float
     jump: bool = False
-    ends_cycle: bool = False
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,17 @@ class Program:
             start += s.duration
         return self.milestones[-1].displacement
 
+    @property
+    def cycles(self) -> list[tuple[float, float]]:
+        """Start and end (s) of each load cycle; other segments belong to none."""
+        found, begun, time = [], 0.0, 0.0
+        for s in self._stretches:
+            begun = time if s.starts_cycle else begun
+            time += s.duration
+            if s.ends_cycle:
+                found.append((begun, time))
+        return found
+
 
 def program_of(stretches: Sequence[Stretch]) -> Program:
     """Return the program that runs through the stretches one after the other."""
@@ -88,7 +99,6 @@ def program_of(stretches: Sequence[Stretch]) -> Program:
                     start + since,
                     s.path(since),
                     jump=last and following is not None and following.jump,
-                    ends_cycle=last and s.ends_cycle,
                 )
             )
         start += s.duration
@@ -110,7 +120,7 @@ def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Stre
 
     half = period / 2
     return [
-        Stretch(half, steps // 2, path(0.0), jump=False),
+        Stretch(half, steps // 2, path(0.0), jump=False, starts_cycle=True),
         Stretch(half, steps // 2, path(half), jump=False, ends_cycle=True),
     ]
 

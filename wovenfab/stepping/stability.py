@@ -57,9 +57,10 @@ class StabilityLostError(Exception):
 
     Attributes:
         loss: Where.
+        cutbacks: Rejected attempts since the last accepted step.
     """
 
-    def __init__(self, loss: Loss, followed: bool) -> None:
+    def __init__(self, loss: Loss, followed: bool, cutbacks: int) -> None:
         """Say where and what can be done."""
         remedy = (
             "no minimum was found beyond; take smaller steps"
@@ -67,7 +68,7 @@ class StabilityLostError(Exception):
             else "solver.stability=follow goes on along the branch"
         )
         super().__init__(f"{loss}; {remedy}")
-        self.loss = loss
+        self.loss, self.cutbacks = loss, cutbacks
 
 
 class Stability:
@@ -139,10 +140,10 @@ class Stability:
         loss, self.loss = self.loss, None
         return loss
 
-    def give_up(self) -> StabilityLostError:
-        """Return the error that ends the march."""
+    def give_up(self, cutbacks: int) -> StabilityLostError:
+        """Return the error that ends the march after so many rejected attempts."""
         assert self.loss is not None
-        return StabilityLostError(self.loss, self.follows)
+        return StabilityLostError(self.loss, self.follows, cutbacks)
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(list(self._constraints.reactions(force).values()))

@@ -6,23 +6,15 @@ import os
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case
-from wovenfab.simulation.assemble import (
-    constraints_of,
-    driven_edge,
-    equilibrium_of,
-    model_of,
-    program_of_case,
-    scheme_of,
-    sheet_of,
-)
-from wovenfab.stepping.march import March
+from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.rig import Rig, rig_of
 
 
 @dataclass(frozen=True)
@@ -59,35 +51,26 @@ class Cost:
 def measure(case: Case, comm: MPI.Comm) -> Cost:
     """Run a case from an empty kernel cache and return what it cost; collective."""
     sheet = sheet_of(case, comm)
-    with _empty_cache(comm):
-        start = time.perf_counter()
-        model = model_of(case, sheet)
-        constraints = constraints_of(case, model)
-        equilibrium = equilibrium_of(case, model, constraints)
-        compiled = time.perf_counter() - start
-    program = program_of_case(case)
-    march = March(
-        model,
-        constraints,
-        equilibrium,
-        program,
-        scheme_of(case),
-        case.time.smallest_step,
-        "ignore",
-    )
-    edge, (along_x, along_y) = driven_edge(case)
+    with ExitStack() as stack:
+        with _empty_cache(comm):
+            start = time.perf_counter()
+            rig = stack.enter_context(rig_of(case, sheet, "ignore"))
+            compiled = time.perf_counter() - start
+        return _march(rig, compiled)
+
+
+def _march(rig: Rig, compiled: float) -> Cost:
+    """Go through the program and return what it cost, with the time to compile (s)."""
     PETSc.Log.begin()
     events = {name: _Event(name) for name in ("SNESJacobianEval", "MatCholFctrNum")}
     forces, iterations, lost = [], [], 0.0
     start = time.perf_counter()
-    for step in march.steps():
-        fx, fy = step.reactions[edge]
-        forces.append(along_x * fx + along_y * fy)
+    for step in rig.march.steps():
+        forces.append(rig.force(step)[0])
         iterations.append(step.iterations)
         lost = sum(step.dissipated.values())
     whole = time.perf_counter() - start
-    equilibrium.destroy()
-    steps = max(len(forces) - 1, 1)
+    steps, model = max(len(forces) - 1, 1), rig.model
     return Cost(
         unknowns=model.unknowns,
         placements=model.placements.count,

@@ -1,0 +1,76 @@
+"""A sheet mounted for its test: everything that a march needs, put together from a case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from wovenfab.case import Case
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.assemble import (
+    constraints_of,
+    driven_edge,
+    equilibrium_of,
+    model_of,
+    program_of_case,
+    scheme_of,
+)
+from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.program import Program
+from wovenfab.stepping.stability import Treatment
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What a case describes, ready to march.
+
+    Attributes:
+        model: The compiled model.
+        constraints: Its prescribed placements.
+        program: The load program.
+        march: Goes through the program.
+        driven: The edge whose force is told, and its direction of motion.
+    """
+
+    model: Model
+    constraints: Constraints
+    program: Program
+    march: March
+    driven: tuple[str, tuple[float, float]]
+
+    def force(self, step: Step) -> tuple[float, float]:
+        """Return the force (N) of the driven edge along its motion and across it."""
+        edge, (x, y) = self.driven
+        fx, fy = step.reactions[edge]
+        return x * fx + y * fy, x * fy - y * fx
+
+
+@contextmanager
+def rig_of(case: Case, sheet: Sheet, stability: Treatment | None = None) -> Iterator[Rig]:
+    """Compile and mount a case on its sheet; its solver is freed at the end. Collective.
+
+    Args:
+        case: The validated case.
+        sheet: Its meshed sheet.
+        stability: What is done where stability is lost, if not what the case says.
+    """
+    model = model_of(case, sheet)
+    constraints = constraints_of(case, model)
+    equilibrium = equilibrium_of(case, model, constraints)
+    program, scheme = program_of_case(case), scheme_of(case)
+    march = March(
+        model,
+        constraints,
+        equilibrium,
+        program,
+        scheme,
+        case.time.smallest_step,
+        stability or case.solver.stability,
+    )
+    try:
+        yield Rig(model, constraints, program, march, driven_edge(case))
+    finally:
+        equilibrium.destroy()
