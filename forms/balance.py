@@ -52,6 +52,7 @@ class Rate:
 
     weights: Sequence[Any]
     history: Sequence[Any]
+    acting: Any = 1  # factor of what depends on the rate; 0 to come to rest
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,8 @@ class Balance:
         if effect.dissipation is None:
             return effect.stored(point, term.values)
         assert self.rate is not None
-        return effect.dissipation(self._rate_of(effect, point), term.values) / self.rate.weights[0]
+        dissipation = effect.dissipation(self._rate_of(effect, point), term.values)
+        return self.rate.acting * dissipation / self.rate.weights[0]
 
     def _dissipated(self, term: Term, point: Point) -> Any:
         """Return the dissipated power density dR/d(rate)·rate (W/m^2)."""

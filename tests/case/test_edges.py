@@ -136,11 +136,35 @@ def test_a_dead_load_alone_takes_a_hold(with_edges: Change) -> None:
     edges = "left: clamp\nright: {force: [1 kN/m, 0]}"
     path = with_edges(edges)
     assert told(path) == (
-        "case.yaml:16: program: no edge uses the program. A dead load alone takes a hold: "
+        "case.yaml:16: program: no edge uses the program. A force may follow it, as in "
+        "'10 N/m * program/40 mm'; one that is there from the start takes "
         "{type: hold, duration: 1 s, steps: 1}."
     )
     hold = {"type": "  type: hold\n  duration: 1 s\n", "amplitudes": "", "max_velocity": ""}
     assert read_case(with_edges(edges, **hold)).boundary["right"][0].force == (1000.0, 0.0)
+
+
+def test_a_force_may_follow_the_program_alone(with_edges: Change) -> None:
+    case = read_case(with_edges("left: clamp\nright: {force: [10 N/m * program/40 mm, 0]}"))
+    (right,) = case.boundary["right"]
+    assert right.grows and not right.moves and not right.burdens_the_start
+
+
+@pytest.mark.parametrize(
+    "given", ["force: [9 N/m, 0]", "displacement: [1 mm, 0]", "displacement: [free, y/9]"]
+)
+def test_what_is_there_from_the_start_needs_a_rest_without_friction(
+    given: str, with_edges: Change
+) -> None:
+    edges = f"left: {{displacement: [program, 0]}}\nright: {{{given}}}"
+    assert read_case(with_edges(edges)).boundary["right"][0].burdens_the_start
+    assert told(with_edges(edges, coupling="")) == (
+        "case.yaml:14: boundary.right: acts from the start, but without friction nothing ties the "
+        "two families together where they are not held, so that there is no rest. Let it follow "
+        "the program, as in '10 N/m * program/40 mm' or 'min(program, 5 mm)'."
+    )
+    grows = edges.replace(given, "force: [9 N/m * program/1 m, 0]")
+    assert read_case(with_edges(grows, coupling="")).boundary["right"][0].grows
 
 
 @pytest.mark.parametrize("row", BAD, ids=lambda row: row["edges"].replace("\n", "; "))

@@ -25,7 +25,8 @@ from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.solver import equilibrium as solver_module
 from wovenfab.solver.equilibrium import Controls
-from wovenfab.stepping.march import March, Step, StepFailedError
+from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
 from wovenfab.stepping.stability import Loss

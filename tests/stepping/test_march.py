@@ -12,7 +12,8 @@ from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver import equilibrium as solver_module
 from wovenfab.solver.equilibrium import Controls, Equilibrium
-from wovenfab.stepping.march import March, Step, StepFailedError
+from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
 

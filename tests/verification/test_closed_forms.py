@@ -18,7 +18,8 @@ from scipy.integrate import quad, solve_ivp
 from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
-from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
+from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import cycle, program_of, ramp
 

@@ -11,7 +11,8 @@ import ufl
 from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.constraints import Constraints, Grip, Held
-from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
+from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.solver.equilibrium import Controls, Equilibrium
 
 STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
@@ -43,7 +44,8 @@ def test_a_dead_load_stretches_a_strip_by_force_over_stiffness() -> None:
     tip = model.field.x.array.reshape(-1, 2)[:, 0].max()
     assert tip == pytest.approx(load / STIFFNESS * LENGTH, rel=1e-9)
     assert held["left"] == pytest.approx((-load * WIDTH, 0.0), abs=1e-8)
-    assert model.load_work() == pytest.approx(load * WIDTH * tip, rel=1e-9)
+    work = model.loading.force() @ model.field.x.array
+    assert work == pytest.approx(load * WIDTH * tip, rel=1e-9)
 
 
 def test_a_stiffness_that_varies_along_the_strip_acts_as_springs_in_series() -> None:

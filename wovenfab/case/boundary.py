@@ -18,15 +18,22 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from .component import FREE, AnyComponent, write_component
+from .expression import Expression
+from .formula import VARIABLES
 from .problems import describe, near_miss, one_of, wrong
 from .scene import Value
 from .values import OneOr, Section, hide_default
 from .varying import Varying
 
-_LOAD = Varying(unit="N/m")
+_LOAD = Varying(unit="N/m", variables=VARIABLES)
 _ROTATIONS = ("free", "held")
 _CLAMPS = ("placement", "rotation")
 BOTH = (1, 2)
+
+
+def follows_program(value: Value) -> bool:
+    """Return whether a value depends on the program."""
+    return isinstance(value, Expression) and "program" in value.variables
 
 
 def _held(value: Any) -> bool:
@@ -76,6 +83,18 @@ class EdgeCondition(Section):
     def moves(self) -> bool:
         """Whether the program moves this edge."""
         return any(c.held and c.moves for c in self.components)
+
+    @property
+    def grows(self) -> bool:
+        """Whether the program changes a force on this edge."""
+        return any(follows_program(load) for load in self.force or ())
+
+    @property
+    def burdens_the_start(self) -> bool:
+        """Whether it has a force or a displacement that does not follow the program."""
+        held = [c.expression or c.offset for c in self.components if c.held and not c.moves]
+        given = (*held, *(load for load in self.force or () if not follows_program(load)))
+        return any(isinstance(value, Expression) or value != 0 for value in given)
 
     @model_validator(mode="before")
     @classmethod

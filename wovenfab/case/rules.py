@@ -18,6 +18,7 @@ from .boundary import BOTH, Boundary, EdgeCondition, conditions_of
 from .mobility import EDGES, free_motion
 from .problems import near_miss, one_of
 from .program import Hold, Ramp, Segment, Table, reached
+from .rest import GROWING, rest_at_start
 from .sampling import Finding, samples_of, unfit_conditions, unfit_values, unsound_places
 from .scene import Scene
 from .schema import Discretisation, Output, Rectangle, SheetFile, possible_fields
@@ -44,6 +45,9 @@ def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
 def _rule(function: Rule) -> Rule:
     _RULES.append(function)
     return function
+
+
+_rule(rest_at_start)
 
 
 @_rule
@@ -144,10 +148,13 @@ def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
     conditions = [c for _, _, c in conditions_of(boundary)]
     moves = any(not isinstance(segment, Hold) for segment in program)
-    if moves and not any(c.moves for c in conditions):
+    if moves and not any(c.moves or c.grows for c in conditions):
         remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
         if any(c.force for c in conditions):
-            remedy = "A dead load alone takes a hold: {type: hold, duration: 1 s, steps: 1}."
+            remedy = (
+                f"A force may follow it, as in {GROWING}; one that is there from the start takes "
+                "{type: hold, duration: 1 s, steps: 1}."
+            )
         yield ("program",), "no edge uses the program", remedy
 
 

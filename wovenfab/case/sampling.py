@@ -28,12 +28,13 @@ def samples_of(length: float, width: float) -> tuple[Array, Array]:
     return x.ravel(), y.ravel()
 
 
-def values_at(value: Value, x: Array, y: Array) -> Array:
-    """Return a parameter's value at points."""
+def values_at(value: Value, x: Array, y: Array, program: float = 0.0) -> Array:
+    """Return a parameter's value at points, or a force's for a program (m)."""
     if not isinstance(value, Expression):
         return np.full_like(x, value)
+    known = {"x": x, "y": y, "program": program}
     with np.errstate(all="ignore"):
-        found: Array = np.zeros_like(x) + value.evaluate({"x": x, "y": y}, NUMPY_FUNCTIONS)
+        found: Array = np.zeros_like(x) + value.evaluate(known, NUMPY_FUNCTIONS)
     return found
 
 
@@ -92,7 +93,8 @@ def unfit_conditions(
                 over = [component.at(x, y, program) for program in programs]
                 yield from _if_infinite(path, np.sum(over, axis=0), x, y)
         for path, value in _formulas(("boundary", edge, i, "force"), condition.force or ()):
-            yield from _if_infinite(path, values_at(value, x, y), x, y)
+            over = [values_at(value, x, y, program) for program in programs]
+            yield from _if_infinite(path, np.sum(over, axis=0), x, y)
 
 
 def _formulas(path: Path, given: Any) -> Iterator[tuple[Path, Expression]]:

@@ -95,10 +95,10 @@ class Constraints:
         dofs = np.sort(np.concatenate(held))
         self.bcs = [fem.dirichletbc(self._values, [dofs, dofs], placements.space)]
 
-    def set(self, program: float) -> None:
-        """Prescribe the placements for a program value (m)."""
+    def set(self, program: float, share: float = 1.0) -> None:
+        """Prescribe the placements for a program value (m), or a share of them."""
         for part in self._parts:
-            self._values.x.array[part.dofs] = part.held.at(part.positions, program)
+            self._values.x.array[part.dofs] = share * part.held.at(part.positions, program)
 
     def reactions(self, force: Array) -> dict[str, tuple[float, float]]:
         """Return the force (N) that each edge exerts on the sheet, x and y.

@@ -13,9 +13,10 @@ from dolfinx import fem
 from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
-from forms.balance import Balance, Load, Rate, Term
+from forms.balance import Balance, Rate, Term
 from forms.effect import Effect
 from wovenfab.model.compiler import compile_forms
+from wovenfab.model.loads import EdgeLoad, Loading, loading_of
 from wovenfab.model.placements import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
@@ -23,21 +24,6 @@ from wovenfab.sheet.sheet import Sheet
 Value = float | Callable[[Any], Any]
 #: The name under which dead loads stand beside the effects in :attr:`Model.weights`.
 LOAD = "dead load"
-
-
-@dataclass(frozen=True)
-class EdgeLoad:
-    """A dead force per reference length on an edge.
-
-    Attributes:
-        edge: Name of the edge.
-        families: 0, 1 or both, which then share the load.
-        force: x and y component, N/m.
-    """
-
-    edge: str
-    families: tuple[int, ...]
-    force: tuple[Value, Value]
 
 
 @dataclass(frozen=True)
@@ -71,6 +57,8 @@ class Model:
         last: Displacement of the last iterate (mixed-integration-point tangent).
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
+        friction: Factor of all friction: 1, or 0 where the sheet shall come to rest.
+        loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Compiled forms.
         power: Compiled form of the dissipated power; None without friction.
@@ -84,6 +72,8 @@ class Model:
     last: fem.Function
     history: tuple[fem.Function, ...]
     rate_weights: tuple[fem.Constant, ...]
+    friction: fem.Constant
+    loading: Loading
     balance: Balance
     residual: fem.Form
     jacobian: fem.Form
@@ -129,10 +119,6 @@ class Model:
         """Return the stored energy (J) by effect."""
         return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
 
-    def load_work(self) -> float:
-        """Return the work (J) that the dead loads have done since the reference state."""
-        return -self.shares(self.potential, [LOAD])[LOAD] if self.balance.loads else 0.0
-
     def dissipated_power(self) -> dict[str, float]:
         """Return the dissipated power (W) by effect; empty without friction."""
         if self.power is None:
@@ -168,24 +154,18 @@ def build_model(
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
     on_edges = partial(_measure, mesh, sheet)
-    load_weight = _constant(mesh, 1.0)
+    load_weight, friction = _constant(mesh, 1.0), _constant(mesh, 1.0)
+    loading = loading_of(space, loads, lambda edge: on_edges([edge]))
     balance = Balance(
         terms=terms,
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
         field=field,
-        rate=Rate(rate_weights, history) if kept else None,
+        rate=Rate(rate_weights, history, friction) if kept else None,
         degree=numerics.degree,
         quadrature=numerics.quadrature or 2 * numerics.degree,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
         held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
-        loads=tuple(
-            Load(
-                ufl.as_vector([_symbol(mesh, f) for f in load.force]),
-                load.families,
-                on_edges([load.edge]),
-            )
-            for load in loads
-        ),
+        loads=loading.loads,
         load_weight=load_weight,
     )
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
@@ -207,6 +187,8 @@ def build_model(
         last=last,
         history=history,
         rate_weights=rate_weights,
+        friction=friction,
+        loading=loading,
         balance=balance,
         residual=residual,
         jacobian=jacobian,

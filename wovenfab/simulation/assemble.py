@@ -21,13 +21,14 @@ from wovenfab.case import (
     conditions_of,
 )
 from wovenfab.model.constraints import Constraints, Grip
-from wovenfab.model.model import EdgeLoad, Model, Numerics, build_model
+from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.gmsh_model import from_file, graded_rectangle, outline_from_file
 from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.simulation.symbols import held_of, value_of, values_of
+from wovenfab.simulation.symbols import held_of, load_of, values_of
 from wovenfab.solver.equilibrium import Controls, Equilibrium
 from wovenfab.stepping.program import Program, Stretch, cycle, program_of, ramp, table
 from wovenfab.stepping.scheme import SCHEMES, Scheme
@@ -122,7 +123,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for family in (1, 2)
     ]
     loads = [
-        EdgeLoad(name, _families(edge), (value_of(edge.force[0]), value_of(edge.force[1])))
+        EdgeLoad(name, _families(edge), (load_of(edge.force[0]), load_of(edge.force[1])))
         for name, _, edge in conditions
         if edge.force is not None
     ]

@@ -21,7 +21,8 @@ from wovenfab.record.summary import summarise, write_summary
 from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.rig import Rig
-from wovenfab.stepping.march import Step, StepFailedError
+from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.stability import StabilityLostError
 

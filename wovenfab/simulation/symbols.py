@@ -10,6 +10,7 @@ import ufl
 
 from wovenfab.case import Component, Expression
 from wovenfab.model.constraints import Held
+from wovenfab.model.loads import Force
 from wovenfab.model.model import Value
 
 #: What the functions of a formula mean in UFL.
@@ -39,6 +40,11 @@ def value_of(value: float | Expression) -> Value:
     return partial(_in_ufl, value) if isinstance(value, Expression) else value
 
 
+def load_of(value: float | Expression) -> Force:
+    """Return a number, or a UFL expression as a function of position and program."""
+    return partial(_in_ufl, value) if isinstance(value, Expression) else value
+
+
 def values_of(values: Mapping[str, Any]) -> dict[str, Value | tuple[Value, Value]]:
     """Return an effect's values; pairs are those of the two families."""
     return {
@@ -58,5 +64,6 @@ def held_of(component: Component) -> Held | None:
     return Held(component.factor, component.offset)
 
 
-def _in_ufl(formula: Expression, position: Any) -> Any:
-    return ufl.as_ufl(formula.evaluate({"x": position[0], "y": position[1]}, UFL_FUNCTIONS))
+def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
+    known = {"x": position[0], "y": position[1], "program": program}
+    return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.forces import Forces
 from wovenfab.stepping.program import Milestone, Program
-from wovenfab.stepping.scheme import Scheme, end_weights
+from wovenfab.stepping.scheme import Scheme, end_weights, extrapolation
 from wovenfab.stepping.stability import Loss, Stability, Treatment
+from wovenfab.stepping.start import prescribe, settle
 
-#: Steps of the last length over which the motion is extrapolated, by a parabola and at all.
-FAR_AHEAD, FARTHEST_AHEAD = 1.5, 4.0
+#: Steps of the last length over which the motion is extrapolated at all.
+FARTHEST_AHEAD = 4.0
 
 
 @dataclass(frozen=True)
@@ -50,38 +51,6 @@ class Step:
     milestone: Milestone | None
     negatives: int = 0
     loss: Loss | None = None
-
-
-class StepFailedError(Exception):
-    """No equilibrium even for the smallest step; the last state has been restored.
-
-    Attributes:
-        time: Time that was not reached, s.
-        displacement: Displacement that was not reached, m.
-        step: Length of the smallest step tried, s.
-        outcome: How the last attempt ended.
-        cutbacks: Rejected attempts since the last accepted step.
-    """
-
-    def __init__(
-        self, time: float, displacement: float, step: float, outcome: Outcome, cutbacks: int
-    ) -> None:
-        """Say where and why."""
-        super().__init__(
-            f"no equilibrium at t = {time:.6g} s (displacement {1e3 * displacement:.6g} mm) even "
-            f"with a step of {step:.3g} s: {outcome.reason} after {outcome.iterations} iterations, "
-            f"residual {outcome.residual:.3g} N"
-        )
-        self.time, self.displacement, self.step = time, displacement, step
-        self.outcome, self.cutbacks = outcome, cutbacks
-
-
-@dataclass(frozen=True)
-class _Balance:
-    """Forces and powers at one time, kept for the next step's trapezoid."""
-
-    force: NDArray[np.float64]
-    power: dict[str, float]
 
 
 class March:
@@ -126,7 +95,8 @@ class March:
         self._cutbacks = 0
         self._work = 0.0
         self._dissipated = {e.name: 0.0 for e in model.effects if e.dissipative}
-        self._before = _Balance(np.zeros(own), dict.fromkeys(self._dissipated, 0.0))
+        nothing = dict.fromkeys(self._dissipated, 0.0)
+        self._before = Forces(np.zeros(own), np.zeros(own), nothing)
 
     @property
     def started(self) -> bool:
@@ -141,8 +111,17 @@ class March:
             StabilityLostError: If no minimum lies beyond it.
         """
         first = self._program.milestones[0]
-        self._constraints.set(first.displacement)
-        yield self._record(None, first)
+        self._restore()
+        outcome, self._cutbacks = settle(
+            self._model, self._constraints, self._equilibrium, first.displacement, self._smallest,
+            self._stability.refuses,
+        )  # fmt: skip
+        self._states = [self._model.field.x.array.copy() for _ in self._states]
+        if outcome is not None:
+            force, load = self._equilibrium.force, self._model.loading.force()
+            self._before = replace(self._before, force=force, load=load)
+        yield self._record(outcome, first)
+        self._cutbacks = 0
         for start, end in zip(self._program.milestones, self._program.milestones[1:], strict=False):
             yield from self._reach(start, end)
 
@@ -191,7 +170,7 @@ class March:
         model, scheme = self._model, self._scheme
         step = until - self._time
         start, end = (self._program.displacement(t) for t in (self._time, until))
-        self._constraints.set(start + scheme.stage * (end - start))
+        prescribe(model, self._constraints, start + scheme.stage * (end - start))
         if model.rate_weights:
             self._set_rate(scheme.weights(step, self._step_before(step, jump)))
         model.last.x.array[:] = self._states[0]
@@ -216,7 +195,7 @@ class March:
         field.x.array[:] = self._states[0]
         if jump or not self._steps or ahead > FARTHEST_AHEAD * self._steps[0]:
             return
-        step.x.array[:] = _extrapolation(self._states, self._steps, ahead)
+        step.x.array[:] = extrapolation(self._states, self._steps, ahead)
         if self._equilibrium.barrier.limit() > 2.0:
             field.x.array[:] += step.x.array
 
@@ -228,18 +207,21 @@ class March:
         model, scheme = self._model, self._scheme
         step = until - self._time
         field = model.field.x.array
-        stage = _Balance(self._equilibrium.force, model.dissipated_power())
+        stage = Forces(self._equilibrium.force, model.loading.force(), model.dissipated_power())
         increment = (field - self._states[0]) / scheme.stage
         if scheme.stage < 1:
             field[:] = self._states[0] + increment
             if model.rate_weights:
                 self._set_rate(end_weights(step, self._step_before(step, jump) or step))
-            now = _Balance(self._equilibrium.evaluate_force(), stage.power)
+            model.loading.set(self._program.displacement(until))
+            now = Forces(self._equilibrium.evaluate_force(), model.loading.force(), stage.power)
             mean = stage
         else:
             now = stage
-            mean = now if jump else _mean(self._before, now)
-        self._work += self._constraints.work(mean.force, increment[: self._own])
+            mean = self._mean_after_jump(now) if jump else self._before.mean(now)
+        moved = increment[: self._own]
+        self._work += self._constraints.work(mean.force, moved)
+        self._work += float(model.comm.allreduce(mean.load @ moved))
         for name, power in mean.power.items():
             self._dissipated[name] += step * power
         self._before = now
@@ -247,6 +229,23 @@ class March:
         self._steps = [step, *([] if jump else self._steps[:2])]
         self._time = until
         self._number += 1
+
+    def _mean_after_jump(self, now: Forces) -> Forces:
+        """Return the mean of a step whose velocity jumped at its start.
+
+        Friction jumps with it to what it is at the end; all else is continuous.
+        """
+        model, mean = self._model, self._before.mean(now)
+        if not model.rate_weights:
+            return mean
+        field, end = model.field.x.array, model.field.x.array.copy()
+        model.friction.value = 0.0
+        after = self._equilibrium.evaluate_force()
+        field[:] = self._states[0]
+        before = self._equilibrium.evaluate_force()
+        field[:], model.friction.value = end, 1.0
+        loads = now.load - self._before.load  # after and before have the same ones
+        return replace(mean, force=now.force + (before - after + loads) / 2, power=now.power)
 
     def _record(
         self, outcome: Outcome | None, milestone: Milestone | None, loss: Loss | None = None
@@ -258,31 +257,10 @@ class March:
             reactions=self._constraints.reactions(self._before.force),
             stored=self._model.stored_energy(),
             dissipated=dict(self._dissipated),
-            work=self._work + self._model.load_work(),
+            work=self._work,
             iterations=outcome.iterations if outcome else 0,
             cutbacks=self._cutbacks,
             milestone=milestone,
             negatives=outcome.negatives if outcome else 0,
             loss=loss,
         )
-
-
-def _mean(a: _Balance, b: _Balance) -> _Balance:
-    """Return the mean of two times: the trapezoidal rule, second order."""
-    return _Balance(
-        (a.force + b.force) / 2, {name: (a.power[name] + b.power[name]) / 2 for name in b.power}
-    )
-
-
-def _extrapolation(states: list[Any], steps: list[float], ahead: float) -> NDArray[np.float64]:
-    """Return the change over ``ahead`` (s) of the polynomial through the last states.
-
-    Linear through two states, quadratic through three (Newton's divided differences)
-    where that is not far.
-    """
-    slope = (states[0] - states[1]) / steps[0]
-    change = ahead * slope
-    if len(steps) > 1 and ahead <= FAR_AHEAD * steps[0]:
-        earlier = (states[1] - states[2]) / steps[1]
-        change = change + ahead * (ahead + steps[0]) * (slope - earlier) / (steps[0] + steps[1])
-    return np.asarray(change)

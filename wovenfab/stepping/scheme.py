@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Steps of the last length over which the motion is extrapolated by a parabola.
+FAR_AHEAD = 1.5
 
 
 @dataclass(frozen=True)
@@ -52,3 +59,24 @@ SCHEMES = {
         Scheme("midpoint", order=2, stage=0.5, memory=2),
     )
 }
+
+
+def extrapolation(
+    states: Sequence[NDArray[np.float64]], steps: Sequence[float], ahead: float
+) -> NDArray[np.float64]:
+    """Return the change over ``ahead`` (s) of the polynomial through the last states.
+
+    Linear through two states, quadratic through three (Newton's divided differences)
+    where that is not far.
+
+    Args:
+        states: Latest first.
+        steps: Times between them, s.
+        ahead: Time from the latest, s.
+    """
+    slope = (states[0] - states[1]) / steps[0]
+    change = ahead * slope
+    if len(steps) > 1 and ahead <= FAR_AHEAD * steps[0]:
+        earlier = (states[1] - states[2]) / steps[1]
+        change = change + ahead * (ahead + steps[0]) * (slope - earlier) / (steps[0] + steps[1])
+    return np.asarray(change)

@@ -1,0 +1,172 @@
+"""Programs that begin under a load, or change it: state, work and losses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import pi
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from forms.catalogue import effects
+from tests import scenes
+from wovenfab.model.constraints import Grip, Held
+from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.solver.equilibrium import Controls
+from wovenfab.stepping.failure import StartFailedError
+from wovenfab.stepping.march import Step
+from wovenfab.stepping.program import Program, cycle, program_of, ramp
+from wovenfab.stepping.scheme import SCHEMES
+
+HOLD = program_of([ramp(0.0, 0.0, 1.0, 4)])
+HELD = (Grip("left", scenes.CLAMP),)
+#: A weight of 60 N along the top edge of the sheet, downwards.
+WEIGHT = EdgeLoad("top", (0, 1), (0.0, -60.0 / 0.9))
+TIGHT = Controls(tolerance=1e-12)
+
+
+def model_with(
+    loads: Sequence[EdgeLoad],
+    names: Sequence[str] = (*scenes.BONDED, "spin_friction"),
+    fibres: tuple[float, float] = scenes.BIAS,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    scheme: str = "bdf2",
+) -> Model:
+    chosen = [effects()[name] for name in names]
+    sheet = scenes.sheet(fibres=fibres, comm=comm)
+    numerics = Numerics(2, history=SCHEMES[scheme].memory)
+    return build_model(sheet, chosen, scenes.TABLE_1, numerics, loads=loads)
+
+
+def energy(step: Step) -> float:
+    return sum(step.stored.values())
+
+
+def imbalances(steps: list[Step]) -> np.ndarray:
+    """Return work less stored and lost energy (J) of each step, from the first on."""
+    return np.array(
+        [s.work - (energy(s) - energy(steps[0])) - sum(s.dissipated.values()) for s in steps]
+    )
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_hold_under_a_weight_is_the_elastic_equilibrium_and_loses_nothing(scheme: str) -> None:
+    names = (*scenes.COUPLED, "slip_friction", "spin_friction")
+    model = model_with([WEIGHT], names, scheme=scheme)
+    steps = scenes.march(model, HOLD, scheme, HELD, TIGHT)
+    elastic = model_with([WEIGHT], scenes.COUPLED)
+    scenes.force(elastic, HELD, 0.0, TIGHT)
+    assert model.field.x.array == pytest.approx(elastic.field.x.array, abs=1e-9)
+    assert elastic.field.x.array.min() < -5e-3
+    assert energy(steps[0]) == pytest.approx(sum(elastic.stored_energy().values()), rel=1e-9)
+    for step in steps:
+        assert step.reactions["left"] == pytest.approx((0.0, 60.0), abs=1e-6)
+        assert energy(step) == pytest.approx(energy(steps[0]), rel=1e-9)
+        assert abs(step.work) < 1e-9 * energy(steps[0])
+        assert all(0 <= lost < 1e-9 * energy(steps[0]) for lost in step.dissipated.values())
+
+
+def test_an_offset_is_there_from_the_start_too() -> None:
+    offset = Held(1.0, 0.01)
+    grips = (Grip("left", scenes.CLAMP), Grip("right", (offset, Held())))
+    steps = scenes.march(model_with([]), HOLD, "bdf2", grips, TIGHT)
+    pulled = scenes.force(model_with([], scenes.BONDED), scenes.PULL, 0.01, TIGHT)
+    assert steps[0].reactions["right"] == pytest.approx(pulled["right"], rel=1e-8, abs=1e-6)
+    assert steps[0].iterations > 0 and steps[-1].work == 0
+    assert steps[-1].dissipated == {"spin_friction": pytest.approx(0.0, abs=1e-9)}
+
+
+@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+def test_cycles_under_a_weight_close_their_energy_balance(scheme: str) -> None:
+    """The imbalance falls by four as the steps are halved, and is none to speak of."""
+    worst = []
+    for steps in (20, 40, 80):
+        model = model_with([WEIGHT])
+        program = program_of(cycle(0.0, 0.02, 0.2, steps))
+        grips = (Grip("left", scenes.CLAMP), Grip("right", (Held(1.0), None)))
+        found = scenes.march(model, program, scheme, grips, TIGHT)
+        assert found[-1].dissipated["spin_friction"] > 0.1
+        assert energy(found[0]) > 0.04
+        worst.append(np.abs(imbalances(found)).max() / found[-1].dissipated["spin_friction"])
+    print(f"\n{scheme}: imbalance over dissipated energy {np.array(worst)} with 20, 40, 80 steps")
+    assert worst[2] < 0.01
+    assert worst[0] > 3 * worst[1] > 9 * worst[2]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_load_that_follows_the_program_stretches_a_strip_by_force_over_stiffness(
+    scheme: str,
+) -> None:
+    """Linear, so that the trapezoid is exact: work = F u/2."""
+    load = EdgeLoad("right", (0, 1), (lambda x, program: 1e6 * program, 0.0))
+    model = model_with([load], ("stretch", "shear"), (0.0, pi / 2))
+    steps = scenes.march(model, program_of([ramp(0.0, 0.5, 1.0, 5)]), scheme, HELD, TIGHT)
+    assert energy(steps[0]) == steps[0].work == 0
+    for step in steps[1:]:
+        per_length = 1e6 * step.displacement
+        stretch = per_length / scenes.TABLE_1["stretch"]["stiffness"][0]
+        assert step.reactions["left"][0] == pytest.approx(-0.3 * per_length, rel=1e-9)
+        assert step.work == pytest.approx(0.3 * per_length * 0.9 * stretch / 2, rel=1e-9)
+        assert step.work == pytest.approx(energy(step), rel=1e-9)
+
+
+def test_a_load_that_follows_the_program_against_friction_closes_its_balance() -> None:
+    """Straight lines and a hold: friction jumps with the velocity, the elastic force does not."""
+    load = EdgeLoad("right", (0, 1), (lambda x, program: 2e4 * program, 0.0))
+    last = []
+    for n in (10, 20, 40):
+        way = [ramp(0.0, 0.04, 0.1, n), ramp(0.04, 0.04, 0.05, n), ramp(0.04, 0.0, 0.1, n)]
+        found = scenes.march(model_with([load]), program_of(way), "bdf2", HELD, TIGHT)
+        assert found[-1].dissipated["spin_friction"] > 0.05
+        last.append(abs(imbalances(found)[-1]) / found[-1].dissipated["spin_friction"])
+    print(f"\nimbalance over dissipated energy {np.array(last)} with 30, 60, 120 steps")
+    assert last[0] > 3 * last[1] > 9 * last[2]
+    assert last[2] < 1e-3
+
+
+def test_the_first_step_of_a_line_has_no_more_imbalance_than_the_others() -> None:
+    model = model_with([], scenes.BONDED)
+    steps = scenes.march(model, program_of([ramp(0.0, 0.04, 1.0, 20)]), "bdf2", controls=TIGHT)
+    changes = np.abs(np.diff(imbalances(steps)))
+    assert changes[0] < 2 * changes[1:].max()
+    assert imbalances(steps)[-1] == pytest.approx(0.0, abs=1e-3 * energy(steps[-1]))
+
+
+def pulled_hard() -> Model:
+    return model_with([EdgeLoad("right", (0, 1), (8e3, 0.0))], scenes.BONDED)
+
+
+def test_a_start_that_takes_more_than_one_step_ends_in_the_same_state() -> None:
+    few, many = pulled_hard(), pulled_hard()
+    cut = scenes.march(few, HOLD, "bdf2", HELD, Controls(max_iterations=5, tolerance=1e-12))
+    whole = scenes.march(many, HOLD, "bdf2", HELD, Controls(max_iterations=99, tolerance=1e-12))
+    assert cut[0].cutbacks > whole[0].cutbacks and cut[1].cutbacks == 0
+    assert few.field.x.array == pytest.approx(many.field.x.array, abs=1e-8)
+
+
+def test_a_start_without_equilibrium_is_told_and_leaves_the_sheet_at_rest() -> None:
+    model = pulled_hard()
+    with pytest.raises(
+        StartFailedError, match=r"at the start, even with steps of 0\.5 of"
+    ) as error:
+        scenes.march(model, HOLD, "bdf2", HELD, Controls(max_iterations=1), smallest_step=0.5)
+    assert error.value.cutbacks == 2 and error.value.outcome.reason == "DIVERGED_MAX_IT"
+    assert not model.field.x.array.any()
+    assert float(model.friction.value) == 1.0
+
+
+@pytest.mark.mpi
+@pytest.mark.mpi4
+def test_ranks_agree_on_loads_and_their_work() -> None:
+    load = EdgeLoad("right", (0, 1), (lambda x, program: 2e4 * program * (1 + x[1]), 0.0))
+    program: Program = program_of(cycle(0.0, 0.04, 0.2, 8))
+    together, alone = (
+        scenes.march(model_with([WEIGHT, load], comm=comm), program, "bdf2", HELD, TIGHT)
+        for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)
+    )
+    for one, all_ranks in zip(alone, together, strict=True):
+        assert all_ranks.work == pytest.approx(one.work, rel=1e-8, abs=1e-10)
+        assert energy(all_ranks) == pytest.approx(energy(one), rel=1e-8)
+        assert all_ranks.iterations == one.iterations
