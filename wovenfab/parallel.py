@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
@@ -26,9 +27,18 @@ def agree(comm: MPI.Comm, problem: Exception | None) -> None:
     Raises:
         Exception: The problem of the lowest rank that has one.
     """
-    for found in comm.allgather(problem):
+    for found in comm.allgather(_portable(problem)):
         if found is not None:
             raise found
+
+
+def _portable(problem: Exception | None) -> Exception | None:
+    """Return a problem that other ranks can read."""
+    try:
+        pickle.loads(pickle.dumps(problem))
+    except Exception:
+        return RuntimeError(f"{type(problem).__name__}: {problem}")
+    return problem
 
 
 def on_root(comm: MPI.Comm, action: Callable[[], None]) -> None:

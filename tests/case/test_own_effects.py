@@ -14,6 +14,7 @@ import pytest
 
 from forms import catalogue
 from wovenfab.case import Case, CaseError, dump_case, read_case
+from wovenfab.case.own_trial import REMEDY
 
 WriteCase = Callable[[str], Path]
 
@@ -29,8 +30,8 @@ EFFECT = Effect(
         Parameter("power", "1", "exponent", default=2.0, above=1.0),
     ),
     needs=Needs(placements=2, rate=True),
-    dissipation=lambda rate, values: rate,
-    measure=lambda point: point,
+    dissipation=lambda rate, values: abs(values["factor"][0] * rate) ** values["power"],
+    measure=lambda point: point.slip[0],
     resists=frozenset({"slipping"}),
 )
 """
@@ -96,8 +97,8 @@ def test_its_values_are_checked_like_all_others(
         ("a = (\n", "drag.py:1: '(' was never closed. This is not valid Python."),
         ("import nowhere\n", "drag.py:1: ModuleNotFoundError: No module named 'nowhere'."),
         ("def f():\n    return 1 / 0\nf()\n", "drag.py:2: ZeroDivisionError: division by zero."),
-        ("raise SystemExit\n", "drag.py:1: SystemExit:."),
-        (OWN.replace("measure=lambda point: point,\n", ""),
+        ("raise SystemExit\n", "drag.py:1: SystemExit."),
+        (OWN.replace("measure=lambda point: point.slip[0],\n", ""),
          "drag.py:3: ValueError: effect 'drag': a dissipation needs a measure and no other."),
         ("effect = 1\n", "drag.py defines no EFFECT. It must end with 'EFFECT = Effect(...)'."),
         ("EFFECT = 'drag'\n", "EFFECT in drag.py is of type str, not Effect. It must be an Effect "
@@ -124,6 +125,36 @@ def test_what_is_wrong_with_the_file_is_told_with_both_lines(
     if text is not None:
         Path("drag.py").write_text(text)
     assert told(path) == f"case.yaml:11: effects.drag.file: {message}"
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ("rate.size",
+         ":11: AttributeError: 'Variable' object has no attribute 'size'"),
+        ("as_vector([rate, rate])",
+         ": ValueError: dissipation gives a value of shape (2,), not one number"),
+        ("max(0, rate)",
+         ":11: ValueError: UFL conditions cannot be evaluated as bool in a Python context"),
+        ('values["fctr"] * rate', ":11: KeyError: 'fctr'"),
+        ("rate > 1", ": ValueError: dissipation gives GT, not a number"),
+        ("None", ": ValueError: dissipation gives NoneType, not a number"),
+        ("rate**2 * dx", ": ValueError: dissipation gives Form, not a number"),
+        ("ln(rate, 2)",
+         ":11: TypeError: ln() takes 1 positional argument but 2 were given"),
+    ],
+)  # fmt: skip
+def test_energies_that_cannot_be_varied_are_told_with_the_cause(
+    given: str, message: str, example: str, write_case: WriteCase
+) -> None:
+    path = write_case(example.replace(COUPLING, DRAG))
+    law = 'abs(values["factor"][0] * rate) ** values["power"]'
+    assert law in OWN
+    source = OWN.replace(law, given).replace(
+        "import Effect, Needs, Parameter\n", "import *; from ufl import as_vector, dx, ln\n"
+    )
+    Path("drag.py").write_text(source)
+    assert told(path) == f"case.yaml:11: effects.drag.file: drag.py{message}. {REMEDY}"
 
 
 @pytest.mark.parametrize(

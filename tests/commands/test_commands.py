@@ -29,6 +29,8 @@ discretisation: {degree: 2, mesh_size: 150 mm}
 time: {steps_per_cycle: 8}
 output: {every: 4, pictures: false}
 """
+OWN_LAW = (Path(__file__).parents[2] / "docs" / "examples" / "my_effect.py").read_text()
+OWN_LAW = OWN_LAW.replace("my_effect", "law")
 COLUMNS = (
     "step,time_s,displacement_m,force_N,force_transverse_N,energy_J,energy_bending_J,"
     "energy_shear_J,energy_stretch_J,dissipated_J,dissipated_spin_friction_J,work_J,imbalance_J,"
@@ -36,9 +38,11 @@ COLUMNS = (
 )
 
 
-def wovenfab(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "wovenfab", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, text=True, capture_output=True, check=False)
+def wovenfab(*arguments: object, cwd: Path, ranks: int = 1) -> subprocess.CompletedProcess[str]:
+    launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+    own = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
+    command = [*launcher, sys.executable, "-m", "wovenfab", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, env=own, text=True, capture_output=True, check=False)
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +103,23 @@ def test_a_bad_case_ends_with_2_one_line_a_problem_and_nothing_written(tmp_path:
     assert ended.stderr.startswith("bad.yaml:4: effects.stretch.stifness: unknown key.")
     assert "Did you mean 'stiffness'?" in ended.stderr
     assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_an_own_effect_that_cannot_be_compiled_ends_with_2_and_nothing_written(
+    tmp_path: Path, ranks: int
+) -> None:
+    law = OWN_LAW.replace("gamma**2", 'float("nan") * gamma**2')
+    assert law != OWN_LAW
+    (tmp_path / "law.py").write_text(law)
+    own = "law: {file: law.py, stiffness: 400 N/m}"
+    (tmp_path / "case.yaml").write_text(CASE.replace("shear: {stiffness: 400 N/m}", own))
+    ended = wovenfab("run", "case.yaml", cwd=tmp_path, ranks=ranks)
+    assert ended.returncode == 2
+    assert ended.stderr.count("wovenfab: law.py: the effect cannot be compiled: ") == 1
+    assert "Its functions return one number in J/m^2" in ended.stderr
+    assert "Traceback" not in ended.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["case.yaml", "law.py"]
 
 
 def test_an_edge_that_the_geometry_lacks_is_named_with_its_line(tmp_path: Path) -> None:
@@ -216,11 +237,7 @@ def test_schema_is_json_and_version_is_said(tmp_path: Path) -> None:
 
 def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -> None:
     """The ranks must agree to 1e-8 relative, and each line must be printed once."""
-    environment = {k: v for k, v in os.environ.items() if not k.startswith(("OMPI_COMM", "PMIX"))}
-    ended = subprocess.run(
-        ["mpirun", "-n", "2", sys.executable, "-m", "wovenfab", "run", "small.yaml", "-o", "two"],
-        cwd=folder, env=environment, text=True, capture_output=True, check=False,
-    )  # fmt: skip
+    ended = wovenfab("run", "small.yaml", "-o", "two", cwd=folder, ranks=2)
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.count("done: 16 steps") == 1
     for one, two in zip(rows(folder / "results" / "small"), rows(folder / "two"), strict=True):

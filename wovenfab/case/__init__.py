@@ -4,6 +4,7 @@ from .boundary import Boundary, EdgeCondition, conditions_of
 from .component import Component
 from .expression import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
 from .files import Samples
+from .own_trial import blame_own
 from .problems import CaseError, Problem
 from .program import Cycles, Hold, Ramp, Segment, Table
 from .read import dump_case, json_schema, problem_at, read_case
@@ -34,6 +35,7 @@ __all__ = [
     "Table",
     "Time",
     "Value",
+    "blame_own",
     "conditions_of",
     "dump_case",
     "json_schema",

@@ -25,7 +25,8 @@ from forms.effect import Effect
 from . import units
 from .files import existing_file
 from .needs import RESISTIBLE
-from .problems import one_of, wrong
+from .own_trial import REMEDY, try_forms
+from .problems import in_brief, one_of, wrong
 
 FILE = "file"
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
@@ -80,6 +81,7 @@ def _own_effect(key: str, value: Any, folder: Path) -> OwnEffect:
             f"It may be {one_of(RESISTIBLE)}.",
         )
     _check_parameters(effect, value)
+    _check_forms(effect, path, value)
     return OwnEffect(effect, path)
 
 
@@ -95,8 +97,7 @@ def _loaded(path: Path, value: str) -> Effect:
         line = error.lineno if error.filename == str(path) else _line(error, path)
         raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
     except (Exception, SystemExit) as error:
-        said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise wrong(f"{value}:{_line(error, path)}: {said}") from error
+        raise wrong(f"{value}:{_line(error, path)}: {in_brief(error)}") from error
     finally:
         sys.modules.pop(module.__name__)
     if "EFFECT" not in module.__dict__:
@@ -110,11 +111,25 @@ def _loaded(path: Path, value: str) -> Effect:
     return effect
 
 
+def _check_forms(effect: Effect, path: Path, value: str) -> None:
+    problem = ""
+    try:
+        try_forms(effect)
+    except Exception as error:
+        line = "".join(f":{line}" for line in _lines(error, path)[-1:])
+        problem = f"{value}{line}: {in_brief(error)}"
+    if problem:  # told out here, where nothing holds the symbols any more
+        raise wrong(problem, REMEDY)
+
+
 def _line(error: BaseException, path: Path) -> int | None:
-    """Return the last line of a file that led to an error."""
+    """Return the last line of a file that led to an error, or its first."""
+    return [1, *_lines(error, path)][-1]
+
+
+def _lines(error: BaseException, path: Path) -> list[int | None]:
     frames = traceback.extract_tb(error.__traceback__)
-    lines = [frame.lineno for frame in frames if frame.filename == str(path)]
-    return lines[-1] if lines else 1
+    return [frame.lineno for frame in frames if frame.filename == str(path)]
 
 
 def _check_parameters(effect: Effect, value: str) -> None:

@@ -18,6 +18,7 @@ from wovenfab.case import (
     Ramp,
     Rectangle,
     Table,
+    blame_own,
     conditions_of,
 )
 from wovenfab.model.constraints import Constraints, Grip
@@ -115,7 +116,11 @@ def _holds(case: Case, family: int) -> dict[str, str]:
 
 
 def model_of(case: Case, sheet: Sheet) -> Model:
-    """Return the compiled model of a case on a sheet; collective."""
+    """Return the compiled model of a case on a sheet; collective.
+
+    Raises:
+        CaseError: If a user's own effect cannot be compiled, on every rank.
+    """
     d = case.discretisation
     conditions = list(conditions_of(case.boundary))
     rotations = [
@@ -127,20 +132,21 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for name, _, edge in conditions
         if edge.force is not None
     ]
-    return build_model(
-        sheet,
-        [term.effect for term in case.scene],
-        {term.name: values_of(term.values) for term in case.scene},
-        Numerics(
-            degree=d.degree,
-            quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
-            penalty=None if d.penalty == "auto" else d.penalty,
-            history=scheme_of(case).memory,
-            mixed=case.solver.tangent == "mixed",
-        ),
-        (rotations[0], rotations[1]),
-        loads,
-    )
+    with blame_own(case.scene):
+        return build_model(
+            sheet,
+            [term.effect for term in case.scene],
+            {term.name: values_of(term.values) for term in case.scene},
+            Numerics(
+                degree=d.degree,
+                quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
+                penalty=None if d.penalty == "auto" else d.penalty,
+                history=scheme_of(case).memory,
+                mixed=case.solver.tangent == "mixed",
+            ),
+            (rotations[0], rotations[1]),
+            loads,
+        )
 
 
 def constraints_of(case: Case, model: Model) -> Constraints:

@@ -49,9 +49,11 @@ def study(
         if frozenset(kept) in rows:
             continue
         try:
-            row = Row(scene, measure(read(kept), comm))
+            case = read(kept)
         except CaseError as error:
             row = Row(scene, None, error.problems[0].message)
+        else:
+            row = Row(scene, measure(case, comm))
         tell(row)
         rows[frozenset(kept)] = row
     return list(rows.values())
