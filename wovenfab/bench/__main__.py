@@ -1,8 +1,29 @@
-"""``python -m wovenfab.bench`` prints every figure and fails where one is missed."""
+"""``python -m wovenfab.bench [SECTION ...]`` prints all figures and fails where one is missed."""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Mapping, Sequence
 
 from wovenfab.bench.cold_start import cold_start
+from wovenfab.bench.effects import cost_of_effects
+from wovenfab.bench.figure import Figure, Section
+
+SECTIONS: Mapping[str, Section] = {"cold-start": cold_start, "effects": cost_of_effects}
+
+
+def main(wanted: Sequence[str], sections: Mapping[str, Section] = SECTIONS) -> int:
+    """Measure the wanted sections, or all, and return the exit code."""
+    if unknown := [name for name in wanted if name not in sections]:
+        print(f"there is no section {unknown[0]!r}; there are {', '.join(sections)}")
+        return 2
+    figures: list[Figure] = []
+    for name in wanted or sections:
+        print(f"== {name}", flush=True)
+        figures += sections[name]()
+    print("== figures", *figures, sep="\n")
+    return 0 if all(figure.kept for figure in figures) else 1
+
 
 if __name__ == "__main__":
-    sys.exit(0 if all(measure() for measure in (cold_start,)) else 1)
+    sys.exit(main(sys.argv[1:]))

@@ -9,6 +9,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from wovenfab.bench.figure import Figure
 from wovenfab.record.summary import read_summary
 
 CASE = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
@@ -16,13 +17,14 @@ CASE = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
 ONE_STEP = "program={type: ramp, to: 0.03 mm, steps: 1, duration: 1.6 ms}"
 #: Longest cold start that is accepted (s).
 LIMIT = 30.0
+MEANING = "from the command to the end of one step, nothing compiled beforehand"
 
 
-def cold_start() -> bool:
-    """Print the phases of a cold and of a warm start; return whether the limit holds."""
+def cold_start() -> list[Figure]:
+    """Print the phases of a cold and of a warm start; return the cold ones."""
     print("Cold start: empty kernel cache to the first converged step of configs/bias-1x3.yaml")
     print("ranks  cache  import   mesh    JIT  1st step    all")
-    kept = True
+    figures = []
     for ranks in (1, 2):
         with tempfile.TemporaryDirectory() as cache:
             for state in ("empty", "warm"):
@@ -31,9 +33,10 @@ def cold_start() -> bool:
                     f"{ranks:>5} {state:>6} {phases['import']:7.2f} {phases['mesh']:6.2f} "
                     f"{phases['compile']:6.2f} {phases['first step']:9.2f} {whole:6.2f}  s"
                 )
-                kept &= whole <= LIMIT
-    print(f"at most {LIMIT:g} s: {'yes' if kept else 'NO'}")
-    return kept
+                if state == "empty":
+                    name = f"cold start, {ranks} rank{'s' * (ranks > 1)}"
+                    figures.append(Figure(name, whole, LIMIT, "s", MEANING))
+    return figures
 
 
 def _start(ranks: int, cache: Path) -> tuple[float, dict[str, float]]:

@@ -28,6 +28,16 @@ app = typer.Typer(
 )
 
 CaseFile = Annotated[Path, typer.Argument(help="The case file (YAML).", show_default=False)]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        show_default=False,
+        help="Directory of all that is written; a folder of results/ with the name of the case "
+        "unless given.",
+    ),
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option(
@@ -57,15 +67,7 @@ def _options(
 @app.command()
 def run(
     case: CaseFile,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            show_default=False,
-            help="Results directory; results/<name of the case> unless given.",
-        ),
-    ] = None,
+    output: Output = None,
     overrides: Overrides = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
@@ -94,20 +96,11 @@ def check(case: CaseFile, overrides: Overrides = None) -> None:
 
 
 @app.command()
-def effects(
-    case: CaseFile,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            show_default=False,
-            help="Directory of table and chart; results/<name of the case>-effects unless given.",
-        ),
-    ] = None,
-    overrides: Overrides = None,
-) -> None:
-    """Measure what each effect costs and changes: the case whole, without each, each alone."""
+def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) -> None:
+    """Measure what each effect costs and changes: the case whole, without each, each alone.
+
+    Table and chart go into results/<name of the case>-effects.
+    """
     from wovenfab.commands.effects import study_effects
 
     sys.exit(study_effects(case, output, overrides or []))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import read_case
 from wovenfab.commands.voice import Voice, is_first_rank
 
 
@@ -15,26 +15,11 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
     from mpi4py import MPI
 
     from wovenfab.report.costs import draw_costs
-    from wovenfab.study.effects import Row, markdown, study, write_csv
+    from wovenfab.study.effects import line, markdown, reader, study, write_csv
 
     voice = Voice()
-
-    def tell(row: Row) -> None:
-        if row.cost is None:
-            voice.say(f"{row.scene}: not well posed: {row.refused}")
-        else:
-            c = row.cost
-            voice.say(
-                f"{row.scene}: {c.unknowns} unknowns, {c.compile:.1f} s to compile, "
-                f"{1e3 * c.step:.0f} ms a step, peak force {c.peak_force:.5g} N, "
-                f"dissipated {c.dissipated:.4g} J"
-            )
-
-    def read(kept: Sequence[str]) -> Case:
-        left_out = [name for name in case.effects if name not in kept]
-        return read_case(path, [*overrides, *(f"effects.{name}=null" for name in left_out)])
-
-    rows = study(tuple(case.effects), read, MPI.COMM_WORLD, tell)
+    read = reader(path, overrides)
+    rows = study(tuple(case.effects), read, MPI.COMM_WORLD, lambda row: voice.say(line(row)))
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-effects"
         directory.mkdir(parents=True, exist_ok=True)

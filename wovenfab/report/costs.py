@@ -32,6 +32,7 @@ def draw_costs(rows: Sequence[Row], path: Path) -> Path:
         )
         _stack(axes[2], names, [tuple(1e3 * t for t in part) for part in parts], (dark, light))
         axes[0].invert_yaxis()
+        figure.legend(loc="outside upper right", ncols=3, fontsize=7, columnspacing=1.0)
         return save(figure, path)
 
 
@@ -59,9 +60,6 @@ def _stack(
     )
     bars = axes.barh(names, rest, left=both, color=QUIET, height=0.65, label="rest")
     axes.bar_label(bars, labels=[f"{s:.0f}" for s in step], padding=2, fontsize=7)
-    axes.legend(
-        loc="lower right", bbox_to_anchor=(1.05, 1.0), ncols=3, fontsize=6.5, columnspacing=0.8
-    )
     _finish(axes, "a step (ms)")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from wovenfab.case import Case, CaseError
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.study.cost import Cost, measure
 
 #: Returns the case with the named effects only, or raises CaseError.
@@ -31,6 +31,17 @@ class Row:
     scene: str
     cost: Cost | None
     refused: str = ""
+
+
+def reader(path: Path, overrides: Sequence[str]) -> Reader:
+    """Return how a case file is read with some of its effects; arguments as of `read_case`."""
+    names = tuple(read_case(path, overrides).effects)
+
+    def read(kept: Sequence[str]) -> Case:
+        left_out = [f"effects.{name}=null" for name in names if name not in kept]
+        return read_case(path, [*overrides, *left_out])
+
+    return read
 
 
 def study(
@@ -86,6 +97,18 @@ def _fewest(name: str, names: Sequence[str], read: Reader) -> tuple[str, ...]:
                 continue
             return helpers
     return ()
+
+
+def line(row: Row) -> str:
+    """Return the most telling figures of a row in words."""
+    if row.cost is None:
+        return f"{row.scene}: not well posed: {row.refused}"
+    c = row.cost
+    return (
+        f"{row.scene}: {c.unknowns} unknowns, {c.compile:.1f} s to compile, "
+        f"{1e3 * c.step:.0f} ms a step, peak force {c.peak_force:.5g} N, "
+        f"dissipated {c.dissipated:.4g} J"
+    )
 
 
 def write_csv(rows: Sequence[Row], path: Path) -> None:

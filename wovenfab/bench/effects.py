@@ -1,0 +1,52 @@
+"""What each effect costs on the default case, and what leaving some out must save."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from mpi4py import MPI
+
+from forms.effect import Needs
+from wovenfab.bench.figure import Figure
+from wovenfab.case import read_case
+from wovenfab.study.cost import Cost, measure
+from wovenfab.study.effects import line, markdown, reader, study
+
+CASE = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
+SIZE = ("program.amplitudes=40mm", "time.steps_per_cycle=20")
+
+
+def cost_of_effects() -> list[Figure]:
+    """Print the table of costs; return what one placement and no second gradient save."""
+    scene, read = read_case(CASE, SIZE).scene, reader(CASE, SIZE)
+    needs = {e.name: e.effect.needs for e in scene}
+
+    def only(keep: Callable[[Needs], bool]) -> Cost:
+        return measure(read([name for name, n in needs.items() if keep(n)]), MPI.COMM_WORLD)
+
+    rows = study(tuple(needs), read, MPI.COMM_WORLD, lambda row: print(line(row), flush=True))
+    print(f"\n{markdown(rows)}", flush=True)
+    # What is compared is measured side by side, since machines change their speed.
+    whole, smooth = only(lambda n: True), only(lambda n: not n.second_gradient)
+    coupled, bonded = only(lambda n: not n.rate), only(lambda n: n.placements == 1)
+    return [
+        Figure(
+            name="assembly with all effects over that without second gradients",
+            value=whole.assembly / smooth.assembly,
+            limit=2.0,
+            unit="x",
+            meaning=f"mean time of one tangent, {1e3 * whole.assembly:.0f} over "
+            f"{1e3 * smooth.assembly:.0f} ms, {whole.unknowns} unknowns each",
+            at_least=True,
+        ),
+        Figure(
+            name="two elastic placements over one",
+            value=coupled.whole / bonded.whole,
+            limit=2.5,
+            unit="x",
+            meaning=f"time of all steps on the same mesh, {coupled.whole:.1f} over "
+            f"{bonded.whole:.1f} s, {coupled.unknowns} against {bonded.unknowns} unknowns",
+            at_least=True,
+        ),
+    ]
