@@ -5,7 +5,7 @@ case  = configs/bias-1x3.yaml
 ranks = 2
 enter = env/enter
 
-.PHONY: help run test lint bench paraview-check clean clean-environment
+.PHONY: help run test lint docs bench paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -20,6 +20,9 @@ test: lint ## style, types and all tests but the slow ones
 
 lint: ## style, format and types
 	$(enter) sh -c "ruff check . && ruff format --check . && python3 -m mypy"
+
+docs: ## write docs/parameters.md anew from the files in forms/
+	$(enter) wovenfab schema --effects > docs/parameters.md
 
 bench: ## measure speed, as phases and ratios in one run
 	$(enter) python3 -m wovenfab.bench

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from wovenfab import __version__
-from wovenfab.case import CaseError, json_schema
+from wovenfab.case import CaseError, effects_page, json_schema
 from wovenfab.commands import check as check_command
 from wovenfab.commands import report as report_command
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice
@@ -115,11 +115,15 @@ def report(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Print a page on the effects instead, in Markdown.")
+    ] = False,
+) -> None:
     """Print the JSON Schema of case files, for editors that complete and check YAML."""
     import json
 
-    typer.echo(json.dumps(json_schema(), indent=2))
+    typer.echo(effects_page() if effects else json.dumps(json_schema(), indent=2), nl=not effects)
 
 
 def main() -> None:

@@ -1,0 +1,99 @@
+"""A new effect is one new file: it is then everywhere without another edit."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import forms
+from forms.catalogue import effects
+from wovenfab.case import CaseError, effects_page, json_schema, read_case
+from wovenfab.commands.check import describe
+from wovenfab.record.results import open_results
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.progress import Stopwatch
+from wovenfab.simulation.rig import rig_of
+from wovenfab.simulation.run import run
+
+ROOT = Path(__file__).parents[2]
+CASE = """\
+sheet: {length: 0.9 m, width: 0.3 m, fibres: [45 deg, -45 deg]}
+effects: {stretch: {stiffness: 1.27e8 N/m}, shear: {stiffness: 400 N/m}}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: ramp, to: 40 mm, steps: 2}
+discretisation: {degree: 2, mesh_size: 150 mm}
+output: {pictures: false}
+"""
+
+
+@pytest.fixture
+def crimp(tmp_path: Path) -> Iterator[None]:
+    """Add the file of shear under another name, as if it lay in forms/."""
+    folder = tmp_path / "more"
+    folder.mkdir()
+    source = (ROOT / "forms" / "shear.py").read_text().replace('name="shear"', 'name="crimp"')
+    (folder / "crimp.py").write_text(source)
+    forms.__path__.append(str(folder))
+    effects.cache_clear()
+    yield
+    forms.__path__.remove(str(folder))
+    sys.modules.pop("forms.crimp", None)
+    effects.cache_clear()
+
+
+def results(name: str, text: str, folder: Path) -> Path:
+    """Return the results of a case."""
+    path = folder / f"{name}.yaml"
+    path.write_text(text)
+    case = read_case(path)
+    with rig_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
+        directory = open_results(folder / name, comm=MPI.COMM_SELF)
+        assert run(case, rig, directory, lambda _: None, Stopwatch()).failure is None
+    return directory
+
+
+def column(directory: Path, name: str) -> list[float]:
+    with (directory / "history.csv").open() as stream:
+        return [float(row[name]) for row in csv.DictReader(stream)]
+
+
+@pytest.mark.usefixtures("crimp")
+def test_it_is_in_schema_checks_and_docs(tmp_path: Path) -> None:
+    properties = json_schema()["$defs"]["Effects"]["properties"]
+    assert properties.keys() == effects().keys() and "crimp" in properties
+    assert "| `crimp` | Shear with a barrier" in effects_page()
+    path = tmp_path / "case.yaml"
+    path.write_text(CASE)
+    told = describe(read_case(path), 1, 1)
+    assert "adding crimp would bring its own terms only" in told
+    path.write_text(CASE.replace("shear: {stiffness: 400 N/m}", "crimp: {stiffness: 400 m}"))
+    with pytest.raises(CaseError, match=r"effects\.crimp\.stiffness: expected a .*per length"):
+        read_case(path)
+
+
+def test_it_is_in_history_and_results_and_acts_like_any_other(crimp: Path, tmp_path: Path) -> None:
+    here, there = (
+        results(name, CASE.replace("shear", name), tmp_path) for name in ("shear", "crimp")
+    )
+    energies = column(there, "energy_crimp_J")
+    assert energies[-1] > 0
+    assert energies == pytest.approx(column(here, "energy_shear_J"), rel=1e-10)
+    assert column(there, "force_N") == pytest.approx(column(here, "force_N"), rel=1e-8)
+    assert "crimp:" in (there / "case.yaml").read_text()
+    assert json.loads((there / "summary.json").read_text())["outcome"] == "finished"
+    angles = [read_fields(directory).field("shear_angle", -1) for directory in (here, there)]
+    assert np.abs(angles[0]).max() > 0.05
+    assert angles[1] == pytest.approx(angles[0], abs=1e-10)
+
+
+def test_the_page_of_effects_is_the_one_in_the_docs() -> None:
+    written = (ROOT / "docs" / "parameters.md").read_text(encoding="utf-8")
+    assert written == effects_page(), "write it anew: make docs"
