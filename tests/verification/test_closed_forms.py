@@ -106,7 +106,7 @@ def loss(time: float, stroke: float, period: float, eta: float) -> float:
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
 def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str) -> None:
-    """K_c b + zeta tanh(eta db/dt) = f, pushed at the end of yarns that hardly stretch."""
+    """K_c b + zeta tanh(eta db/dt) = f, pushed suddenly at the end of yarns that hardly stretch."""
     length, duration, push = 0.2, 0.5, 0.5 * ZETA
 
     def rate(_: float, b: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -118,7 +118,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str)
         "coupling": {"stiffness": K_C},
         "slip_friction": {"strength": ZETA, "slope": ETA},
     }
-    load = EdgeLoad("right", (0,), (push * length, 0.0))
+    load = EdgeLoad("right", (0,), (lambda _, program: push * length * program, 0.0))
     model = build_model(
         whole(length, 0.1, 0.1, ALONG),
         [effects()[name] for name in values],
@@ -128,7 +128,8 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str)
     )
     errors, imbalances = [], []
     for steps in (20, 40, 80, 160):
-        program = program_of([ramp(0.0, 0.0, duration, steps)])
+        suddenly = ramp(0.0, 1.0, 1e-6 * duration, 1)
+        program = program_of([suddenly, ramp(1.0, 1.0, duration, steps)])
         last = scenes.march(model, program, scheme, (SECOND_AT_REST,))[-1]
         slips = model.field.x.array.reshape(-1, 4)
         assert np.ptp(slips[:, 0]) < 1e-6 * exact and np.abs(slips[:, 1]).max() < 1e-9 * exact
