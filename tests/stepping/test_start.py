@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -155,6 +156,20 @@ def test_a_start_without_equilibrium_is_told_and_leaves_the_sheet_at_rest() -> N
     assert error.value.cutbacks == 2 and error.value.outcome.reason == "DIVERGED_MAX_IT"
     assert not model.field.x.array.any()
     assert float(model.friction.value) == 1.0
+
+
+def test_a_start_that_would_buckle_is_told() -> None:
+    """A column of 0.9 m with a free end: twice what it bears at most, and a tenth of that."""
+    bears = 0.3 * (pi**2 * 254.1 / (4 * 0.81) + 400)
+    push = EdgeLoad("right", (0, 1), (-2 * bears / 0.3, 0.0))
+    model = model_with([push], scenes.BONDED, scenes.ALONG)
+    turned = (Grip("left", scenes.CLAMP),)
+    with pytest.raises(StartFailedError, match=r"it would not be stable \(\d negative eigenv"):
+        scenes.march(model, HOLD, "bdf2", turned, smallest_step=1 / 4)
+    light = model_with(
+        [replace(push, force=(-0.2 * bears / 0.3, 0.0))], scenes.BONDED, scenes.ALONG
+    )
+    assert scenes.march(light, HOLD, "bdf2", turned)[0].negatives == 0
 
 
 @pytest.mark.mpi
