@@ -153,6 +153,11 @@ class Balance:
             return None
         return sum(t.weight * self._dissipated(t, point) for t in lossy) * self._dx
 
+    def densities(self) -> dict[str, Any]:
+        """Return each effect's share of the potential's density inside the cells (J/m^2)."""
+        point = self._point(self.field)
+        return {t.effect.name: self._density(t, point) for t in self.terms}
+
     def residual(self, test: Any) -> Any:
         """Return the first variation of the potential (N) for a test field."""
         point = self._point(self.field)

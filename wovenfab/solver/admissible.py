@@ -76,7 +76,12 @@ class _Probe:
 
 
 class Barrier:
-    """Watches the sign of f_1 × f_2 at the quadrature points of a model."""
+    """Watches the sign of f_1 × f_2 at the quadrature points of a model.
+
+    Attributes:
+        step: Change of the model's field that :meth:`limit` and :meth:`motion` judge, m.
+        points: Reference points of a cell, shape (n, 2).
+    """
 
     def __init__(self, model: Model) -> None:
         """Compile the evaluation of f_1 and f_2 for the model's field and for steps."""
@@ -85,13 +90,15 @@ class Barrier:
         self._comm = mesh.comm
         self._orientation = float(np.sign(np.linalg.det(model.sheet.fibres)))
         self.step = fem.Function(model.space)
-        points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
+        self.points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         self._state = _Probe(
-            compile_expression(_flat(point_of(model.field, fibres, False).f), points), cells, mesh
+            compile_expression(_flat(point_of(model.field, fibres, False).f), self.points),
+            cells,
+            mesh,
         )
         self._change = _Probe(
-            compile_expression(_flat(point_variation(self.step, fibres, False)[:2]), points),
+            compile_expression(_flat(point_variation(self.step, fibres, False)[:2]), self.points),
             cells,
             mesh,
         )
@@ -107,10 +114,19 @@ class Barrier:
 
     def margin(self) -> float:
         """Return the smallest (f_1 × f_2)/(|f_1||f_2|) in the present state; collective."""
+        return float(self._comm.allreduce(float(self.margins().min(initial=np.inf)), op=MPI.MIN))
+
+    def margins(self) -> NDArray[np.float64]:
+        """Return (f_1 × f_2)/(|f_1||f_2|) at all points, shape (own cells, points)."""
         f = self._state.values()
         sines = self._orientation * _cross(f[:, 0], f[:, 1])
         sines = sines / np.linalg.norm(f, axis=2).prod(axis=1)
-        return float(self._comm.allreduce(float(sines.min(initial=np.inf)), op=MPI.MIN))
+        return sines.reshape(-1, len(self.points))
+
+    def motion(self) -> NDArray[np.float64]:
+        """Return how much ``step`` changes f_1 and f_2 (norm), shape (own cells, points)."""
+        sizes: NDArray[np.float64] = np.linalg.norm(self._change.values(), axis=(1, 2))
+        return sizes.reshape(-1, len(self.points))
 
 
 def quadrature_points(degree: int, facets: bool) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ placements are attained, backtracked until the incremental potential falls enoug
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,6 +22,7 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
 from wovenfab.solver.inertia import Inertia, start_vector
+from wovenfab.solver.pivots import factor_status
 
 Reason = PETSc.SNES.ConvergedReason
 REASONS = {
@@ -30,6 +31,8 @@ REASONS = {
 #: Largest number of halvings in the line search, and its sufficient-decrease constant.
 HALVINGS = 14
 DECREASE = 1e-4
+#: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
+STUCK = 2
 EPSILON = float(np.finfo(np.float64).eps)
 #: A change of the potential below this share of it is round-off, not an increase.
 ROUND_OFF = 1e-12
@@ -85,6 +88,7 @@ class Equilibrium:
         force: Internal force at this rank's unknowns at the last evaluation
             (residual before boundary conditions), N.
         inertia: Judges the tangent.
+        saddle_at_start: Whether the tangent was indefinite where the last solve began.
     """
 
     def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
@@ -100,6 +104,7 @@ class Equilibrium:
         self._diagonal = self._residual.duplicate()
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
         self._assembled = self.force.copy()  # where the tangent was formed
+        self.saddle_at_start = False
         # Largest force (N) and energy (J) of an equilibrium so far, by which others are judged.
         self._force_scale = 0.0
         self._energy_scale = 0.0
@@ -107,9 +112,11 @@ class Equilibrium:
         self._stiffness = 0.0
         self._blur = 0.0
         self._force_norm = 0.0
+        self._norm = 0.0
         self._potential: float | None = None
         self._decrement = np.inf
         self._attained = False
+        self._stuck = 0
         mesh = model.sheet.mesh
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         largest = float(mesh.h(2, cells).max(initial=0.0))
@@ -158,6 +165,7 @@ class Equilibrium:
         before = self._model.last.x.array[: self._solution.getLocalSize()].copy()
         self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
+        self._stuck, self._norm = 0, np.nan
         self._attained = not self._constraints.unmet(field)
         self.inertia.restart()
         self._snes.solve(None, self._solution)
@@ -172,7 +180,7 @@ class Equilibrium:
             converged=reason > 0,
             reason=REASONS.get(reason, str(reason)),
             iterations=iterations,
-            residual=self._snes.getFunctionNorm(),
+            residual=self._norm,
             negatives=negatives,
         )
 
@@ -189,6 +197,24 @@ class Equilibrium:
         self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.force = self._residual.array_r.copy()
         return self.force
+
+    def tangent(self) -> Any:
+        """Return the tangent (N/m) of the model's present state, prescribed rows of one."""
+        self._assemble_tangent()
+        return self._matrix
+
+    def factor_status(self) -> int:
+        """Return how MUMPS ended the last factorisation, negative where it failed."""
+        return factor_status(self._snes.getKSP())
+
+    def watch(self, tell: Callable[[], None]) -> None:
+        """Call ``tell`` on every rank at each iterate, with the model's field set to it."""
+
+        def look(snes: Any, *_: Any) -> None:
+            self._load(snes.getSolution())
+            tell()
+
+        self._snes.setMonitor(look)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -257,6 +283,8 @@ class Equilibrium:
         """Shorten the step so that x - y is admissible and lowers the potential."""
         self._load(x)
         model, barrier = self._model, self.barrier
+        if not self._snes.getIterationNumber():
+            self.saddle_at_start = self.inertia.saddle
         if self._attained and self._controls.descend:
             self.inertia.descend(self._snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
@@ -289,6 +317,7 @@ class Equilibrium:
             length /= 2
         else:
             trial = None  # not evaluated at the length that is returned
+        self._stuck = self._stuck + 1 if trial is None else 0
         self._potential = trial
         self._decrement = abs(slope) if length == 1.0 else np.inf
         return length
@@ -299,7 +328,7 @@ class Equilibrium:
         Newton's decrement is twice the energy that a step gains; convergence is
         quadratic, so a step of relative energy ``tolerance`` leaves its square.
         """
-        residual = norms[2]
+        residual = self._norm = norms[2]
         if not np.isfinite([residual, self._force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
         tolerance = self._controls.tolerance
@@ -311,6 +340,8 @@ class Equilibrium:
             small = self._decrement <= tolerance * energy
             if small and residual <= np.sqrt(tolerance) * force:
                 return int(Reason.CONVERGED_SNORM_RELATIVE)
+        if self._stuck >= STUCK:
+            return int(Reason.DIVERGED_LINE_SEARCH)
         if iteration >= self._controls.max_iterations:
             return int(Reason.DIVERGED_MAX_IT)
         return int(Reason.CONVERGED_ITERATING)

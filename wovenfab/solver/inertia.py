@@ -83,6 +83,11 @@ class Inertia:
         self._value = self._sweep(SWEEPS if before else FIRST_SWEEPS) if not found else None
         return found
 
+    @property
+    def saddle(self) -> bool:
+        """Whether the last matrix of Newton's solver is indefinite, as far as its factor tells."""
+        return not self._own and self._negatives() > 0
+
     def mode(self) -> NDArray[np.float64]:
         """Return the eigenvector of the lowest eigenvalue in the present state; collective.
 

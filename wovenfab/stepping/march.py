@@ -9,9 +9,11 @@ import numpy as np
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
+from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import Equilibrium, Outcome
-from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
 from wovenfab.stepping.forces import Forces
+from wovenfab.stepping.pace import Pace
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.scheme import Scheme, end_weights, extrapolation
 from wovenfab.stepping.stability import Loss, Stability, Treatment
@@ -83,6 +85,7 @@ class March:
         self._program = program
         self._scheme = scheme
         self._smallest = smallest_step
+        self._pace = Pace(smallest_step)
         own = model.placements.owned
         self._stability = Stability(model, constraints, equilibrium, treatment)
         size = model.field.x.array.size
@@ -126,34 +129,51 @@ class March:
             yield from self._reach(start, end)
 
     def _reach(self, start: Milestone, end: Milestone) -> Iterator[Step]:
-        """Step from one planned time to the next, halving where needed."""
+        """Step from one planned time to the next, in shorter steps where needed."""
         jump = start.jump
-        pending = [(end.time, end)]
         planned = end.time - start.time
-        while pending:
-            until, milestone = pending[-1]
-            outcome = self._settled(until, planned, self._attempt(until, jump))
+        while self._time < end.time:
+            until = self._pace.next(self._time, end.time)
+            length = until - self._time
+            outcome = self._attempt(until, jump)
+            if not self._number:
+                self._check_rest(until, outcome)
+            outcome = self._settled(until, planned, outcome)
             refused = self._stability.refuses(outcome)
             if outcome.converged and not refused:
-                pending.pop()
                 self._accept(until, jump)
+                self._pace.made(length, outcome.iterations)
                 loss = self._stability.passed()
+                if loss is not None:
+                    self._pace.resume()
                 jump = loss is not None
-                yield self._record(outcome, milestone, loss)
+                yield self._record(outcome, end if until == end.time else None, loss)
                 self._cutbacks = 0
                 continue
-            self._restore()
             self._cutbacks += 1
             if self._stability.loss is not None:  # try farther beyond it, if that is wanted
-                pending.pop()
-                if not pending or not self._stability.follows:
+                self._restore()
+                if until == end.time or not self._stability.follows:
                     raise self._stability.give_up(self._cutbacks)
+                self._pace.lengthen(length)
                 continue
-            half = (until - self._time) / 2
-            if half < self._smallest * planned and not refused:
-                end_of_step, step = self._program.displacement(until), until - self._time
-                raise StepFailedError(until, end_of_step, step, outcome, self._cutbacks)
-            pending.append((self._time + half, None))  # type: ignore[arg-type]
+            if refused:
+                self._pace.bisect(until, length)
+            elif not self._pace.cut(length, planned):
+                found = diagnose(self._model, self._equilibrium, outcome, self._states[0])
+                displacement = self._program.displacement(until)
+                raise StepFailedError(until, displacement, length, outcome, self._cutbacks, found)
+            self._restore()
+
+    def _check_rest(self, until: float, outcome: Outcome) -> None:
+        """Refuse a penalty that makes the sheet at rest unstable, whatever was found."""
+        reached = self._model.field.x.array.copy()
+        self._restore()
+        if fault := unsound_penalty(self._model, self._equilibrium):
+            displacement = self._program.displacement(until)
+            step = until - self._time
+            raise UnsoundSheetError(until, displacement, step, outcome, 0, fault)
+        self._model.field.x.array[:] = reached
 
     def _settled(self, until: float, planned: float, outcome: Outcome) -> Outcome:
         """Return the outcome, or how a saddle was left that is next to the last minimum."""

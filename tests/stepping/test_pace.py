@@ -1,0 +1,81 @@
+"""Steps are cut where they fail, not more often than needed, and planned times are hit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import pytest
+
+from wovenfab.stepping.pace import CUT, EASY, GROWTH, Pace
+
+
+def walk(
+    planned: list[float], iterations: Callable[[float, float], int | None], smallest: float = 1e-3
+) -> tuple[list[float], int]:
+    """Return the times reached and the number of failures.
+
+    Args:
+        planned: Planned times, from 0.
+        iterations: Of a step from a time (s) of a length (s); None if it fails.
+        smallest: Share of a planned step below which cutting ends.
+    """
+    pace, times, failures = Pace(smallest), [planned[0]], 0
+    for start, end in pairwise(planned):
+        while times[-1] < end:
+            until = pace.next(times[-1], end)
+            length = until - times[-1]
+            taken = iterations(times[-1], length)
+            if taken is not None:
+                pace.made(length, taken)
+                times.append(until)
+                continue
+            failures += 1
+            if not pace.cut(length, end - start):
+                return times, failures
+    return times, failures
+
+
+EVEN = [i / 10 for i in range(11)]
+UNEVEN = [0.0, 0.1, 0.13, 0.5, 0.501, 1.0]
+
+
+@pytest.mark.parametrize("planned", [EVEN, UNEVEN], ids=["even", "uneven"])
+def test_steps_that_never_fail_are_the_planned_ones(planned: list[float]) -> None:
+    assert walk(planned, lambda *_: EASY + 1) == (planned, 0)
+
+
+@pytest.mark.parametrize("planned", [EVEN, UNEVEN], ids=["even", "uneven"])
+@pytest.mark.parametrize("longest", [0.7, 0.06, 0.011])
+def test_planned_times_are_hit_bit_for_bit_with_even_steps_between(
+    planned: list[float], longest: float
+) -> None:
+    times, _ = walk(planned, lambda _, length: 3 if length <= longest else None)
+    assert set(planned) <= set(times)
+    lengths = [b - a for a, b in pairwise(times)]
+    assert max(lengths) <= longest
+    inner = [b - a for a, b in pairwise(times) if not {a, b} <= set(planned)]
+    assert min(inner, default=longest) > longest * CUT / GROWTH
+
+
+def test_what_was_learnt_is_kept_beyond_the_planned_time() -> None:
+    def hard(_: float, length: float) -> int | None:
+        return EASY + 1 if length <= 0.04 else None
+
+    _, failures = walk(EVEN, hard)
+    assert failures == 2  # 0.1, 0.05, and never again
+
+
+def test_steps_grow_back_to_the_planned_ones_where_they_are_easy() -> None:
+    def hard_at_first(time: float, length: float) -> int | None:
+        return EASY if time > 0.05 else EASY + 1 if length <= 0.02 else None
+
+    times, failures = walk(EVEN, hard_at_first)
+    assert failures == 3
+    assert times[-8:] == EVEN[-8:]
+
+
+def test_cutting_ends_at_the_smallest_share_of_the_planned_step() -> None:
+    times, failures = walk([0.0, 1.0, 2.0], lambda *_: None, smallest=0.2)
+    assert times == [0.0]
+    assert failures == 3  # 1, 1/2, 1/4

@@ -1,0 +1,222 @@
+"""Why an equilibrium was not found: the worst point, the probable cause and a remedy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from wovenfab.model.compiler import compile_expression
+from wovenfab.model.fields import FieldProbe
+from wovenfab.model.model import Model
+from wovenfab.solver.coercivity import proven_penalty
+from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.pivots import Pivots, pivots_of, softest
+
+Array = NDArray[np.float64]
+#: Sine of the angle between the families below which a sheet counts as locked (6°).
+LOCKED = 0.1
+
+
+@dataclass(frozen=True)
+class Place:
+    """A quadrature point, of a cell or on its edges, in the last equilibrium.
+
+    Attributes:
+        x, y: Position at rest, m.
+        shear: Shear angle, rad.
+        stretches: Stretch of each family.
+        slip: Distance of the families, m; None with one placement.
+        margin: (f_1 × f_2)/(|f_1||f_2|), the sine of the angle between the families.
+    """
+
+    x: float
+    y: float
+    shear: float
+    stretches: tuple[float, float]
+    slip: float | None
+    margin: float
+
+    def __str__(self) -> str:
+        """Say where it is and how the sheet is deformed there."""
+        slip = "" if self.slip is None else f", slip {1e3 * self.slip:.3g} mm"
+        first, second = (f"{100 * s:.3g} %" for s in self.stretches)
+        return (
+            f"x = {1e3 * self.x:.4g} mm, y = {1e3 * self.y:.4g} mm (at rest), where the last "
+            f"equilibrium has shear angle {degrees(self.shear):.3g}°, stretches {first} and "
+            f"{second}{slip}"
+        )
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """What is known of a failure.
+
+    Attributes:
+        cause: Probable cause, in plain words.
+        remedy: What to change.
+        place: The worst point.
+    """
+
+    cause: str
+    remedy: str
+    place: Place
+
+    def __str__(self) -> str:
+        """Say all of it."""
+        return f"Probable cause: {self.cause}. Worst point: {self.place}. Remedy: {self.remedy}"
+
+
+def diagnose(model: Model, equilibrium: Equilibrium, outcome: Outcome, before: Array) -> Diagnosis:
+    """Return what is known of a failed solve; collective.
+
+    Args:
+        model: Its field is the failed iterate; it is left with the last equilibrium.
+        equilibrium: The solver, as the failure left it.
+        outcome: How it ended.
+        before: The last equilibrium (all unknowns of this rank, ghosts included), m.
+    """
+    barrier, comm = equilibrium.barrier, model.comm
+    if broken := _not_numbers(model, equilibrium):
+        names, scores = broken
+        model.field.x.array[:] = before
+        cause = f"the energy of {names} is not a number there"
+        remedy = "take smaller steps, or mend the formula or the effect"
+        return Diagnosis(cause, remedy, _place(model, equilibrium, scores))
+    motion = np.nan_to_num(barrier.motion())
+    model.field.x.array[:] = before
+    margins = barrier.margins()
+    tangent = equilibrium.tangent()
+    pivots = pivots_of(tangent)
+    if pivots.null:
+        start = tangent.createVecRight()
+        start.set(1.0)
+        loose = _by_cell(model, np.abs(softest(tangent, start)))
+        start.destroy()
+        cause = "the stiffness is singular: something moves there and no effect resists it"
+        remedy = "hold more edges, or add an effect that resists, such as shear"
+        return Diagnosis(cause, remedy, _place(model, equilibrium, _spread(loose, motion)))
+    least = float(comm.allreduce(float(margins.min(initial=np.inf)), op=MPI.MIN))
+    cause, remedy = _named(model, equilibrium, outcome, pivots, least)
+    return Diagnosis(
+        cause, remedy, _place(model, equilibrium, -margins if least < LOCKED else motion)
+    )
+
+
+def unsound_penalty(model: Model, equilibrium: Equilibrium) -> Diagnosis | None:
+    """Return what is wrong with a user's penalty if it makes the sheet unstable at rest.
+
+    All energies are convex at rest, so that only the facet terms can make the tangent
+    indefinite there: the bending energy is then not bounded from below, and equilibria,
+    if they are found at all, mean nothing.
+
+    Args:
+        model: Its field is the reference state.
+        equilibrium: Its solver, after a solve that began there.
+    """
+    given = model.balance.penalty
+    if given is None or not equilibrium.saddle_at_start:
+        return None
+    if not model.balance.second_gradient or float(given.value) >= proven_penalty(model):
+        return None
+    cause, remedy = _too_small(model, float(given.value))
+    return Diagnosis(cause, remedy, _place(model, equilibrium, equilibrium.barrier.motion()))
+
+
+def _named(
+    model: Model, equilibrium: Equilibrium, outcome: Outcome, pivots: Pivots, least: float
+) -> tuple[str, str]:
+    """Return cause and remedy of a failure that leaves numbers and a regular tangent."""
+    if outcome.reason == "DIVERGED_LINEAR_SOLVE":
+        status = equilibrium.factor_status()
+        return (
+            f"the factorisation failed{f' (status {status} of MUMPS)' if status else ''} though "
+            "the stiffness is regular, as for want of memory",
+            "free memory, use more ranks or a coarser mesh, or take options out of solver.petsc",
+        )
+    needed = proven_penalty(model)
+    given = model.balance.penalty
+    if given is not None and pivots.negative and float(given.value) < needed:
+        return _too_small(model, float(given.value))
+    if least < LOCKED:
+        return (
+            "the sheet locks: the yarns of the two families all but align there",
+            "end the program earlier, or refine the mesh if the sheet should not be locked yet",
+        )
+    if pivots.negative:
+        return (
+            f"the last equilibrium is not stable ({pivots.negative} ways to fall off it), as of a "
+            "sheet that buckles",
+            "push less, or hold or stiffen what gives way",
+        )
+    return (
+        f"the step is too large: Newton's method has not settled (iterations: "
+        f"{outcome.iterations})",
+        "plan more steps, or raise solver.max_iterations or lower time.smallest_step",
+    )
+
+
+def _too_small(model: Model, given: float) -> tuple[str, str]:
+    needed = proven_penalty(model)
+    return (
+        f"discretisation.penalty = {given:g} is too small: jumps of "
+        "the yarn directions release more bending energy than they cost",
+        f"use penalty: auto, or {needed:.3g} or more on this mesh",
+    )
+
+
+def _not_numbers(model: Model, equilibrium: Equilibrium) -> tuple[str, Array] | None:
+    """Return which effects give no number in the present state, and a score of where."""
+    points, comm = equilibrium.barrier.points, model.comm
+    cells = np.arange(model.sheet.mesh.topology.index_map(2).size_local, dtype=np.int32)
+    forces = _by_cell(model, (~np.isfinite(equilibrium.force)).astype(float))
+    scores = np.repeat(forces[:, None], len(points), axis=1)
+    if not comm.allreduce(bool(scores.any()), op=MPI.LOR):
+        return None
+    names = []
+    for name, density in model.balance.densities().items():
+        values = compile_expression(density, points).eval(model.sheet.mesh, cells)
+        wrong = ~np.isfinite(values.reshape(scores.shape))
+        if comm.allreduce(bool(wrong.any()), op=MPI.LOR):
+            names.append(name)
+        scores = scores + wrong
+    return " and ".join(names) or "an effect", scores
+
+
+def _by_cell(model: Model, values: Array) -> Array:
+    """Return for each own cell the largest of the values at its unknowns."""
+    places = model.placements
+    own = np.zeros(len(model.field.x.array))
+    own[: len(values)] = values
+    count = model.sheet.mesh.topology.index_map(2).size_local
+    by_block = own.reshape(-1, 2).max(axis=1)
+    return np.asarray(by_block[places.blocks[:count].reshape(count, -1)].max(axis=1))
+
+
+def _spread(by_cell: Array, like: Array) -> Array:
+    return np.broadcast_to(by_cell[:, None], like.shape)
+
+
+def _place(model: Model, equilibrium: Equilibrium, scores: Array) -> Place:
+    """Return the point with the highest score of all ranks; collective."""
+    probe = FieldProbe(
+        model, ("shear_angle", "stretch", "relative_displacement"), equilibrium.barrier.points
+    )
+    values, positions = probe.values(), probe.positions()
+    margins = equilibrium.barrier.margins()
+    best = scores.max(initial=-np.inf)
+    found = None
+    if scores.size:
+        at = np.unravel_index(int(scores.argmax()), scores.shape)
+        slip = float(values["beta"][at][0]) if "beta" in values else None
+        stretches = (float(values["stretch_1"][at][0]), float(values["stretch_2"][at][0]))
+        x, y = positions[at]
+        shear = float(values["shear_angle"][at][0])
+        found = Place(float(x), float(y), shear, stretches, slip, float(margins[at]))
+    places = model.comm.allgather((float(best), found))
+    place: Place | None = max(places, key=lambda p: p[0])[1]
+    assert place is not None
+    return place
