@@ -129,6 +129,9 @@ def graded_rectangle(
 ) -> tuple[Mesh, MeshTags, dict[str, int]]:
     """Return an unstructured rectangle, optionally refined towards its corners.
 
+    It is meshed as a rectangle of unit size and scaled: gmsh has tolerances of its own,
+    so that a sheet of another size would get another mesh.
+
     Args:
         comm: Communicator.
         length: Extent in x, m.
@@ -137,11 +140,14 @@ def graded_rectangle(
         corner_size: Cell size at the corners, m; None for a uniform mesh.
     """
 
+    unit = max(length, width)
+    largest, smallest = mesh_size / unit, (corner_size or mesh_size) / unit
+
     def build(gmsh: Any) -> None:
         geo = gmsh.model.geo
-        size = corner_size or mesh_size
-        corners = [(0, 0), (length, 0), (length, width), (0, width)]
-        points = [geo.addPoint(x, y, 0, size) for x, y in corners]
+        wide, high = length / unit, width / unit
+        corners = [(0, 0), (wide, 0), (wide, high), (0, high)]
+        points = [geo.addPoint(x, y, 0, smallest) for x, y in corners]
         lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
         surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
         geo.synchronize()
@@ -149,11 +155,13 @@ def graded_rectangle(
             gmsh.model.addPhysicalGroup(1, [line], name=name)
         gmsh.model.addPhysicalGroup(2, [surface], name="sheet")
         if corner_size is not None:
-            _refine_at(gmsh, points, corner_size, mesh_size, min(length, width) / 2)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size)
+            _refine_at(gmsh, points, smallest, largest, min(wide, high) / 2)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
         gmsh.model.mesh.generate(2)
 
-    return _on_root(comm, build, "the rectangle")
+    mesh, tags, names = _on_root(comm, build, "the rectangle")
+    mesh.geometry.x[:] *= unit
+    return mesh, tags, names
 
 
 def _refine_at(gmsh: Any, points: list[int], smallest: float, largest: float, reach: float) -> None:
