@@ -17,11 +17,22 @@ forget_variables() {
   for name in $(compgen -e); do is_kept "$name" || unset "$name"; done
 }
 
+# Prints the commit of the code, + after it where files differ from it; nothing without git.
+commit() {
+  local hash changed
+  [ -e "$project/.git" ] || return 0
+  hash=$(git -C "$project" rev-parse --short=12 HEAD 2>/dev/null) || return 0
+  changed=$(git -C "$project" --no-optional-locks status --porcelain -- \
+    forms wovenfab configs meshes 2>/dev/null) || return 0
+  echo "$hash${changed:++}"
+}
+
 set_variables() {
   export PATH=$project/env/bin:/usr/bin:/bin:/usr/sbin:/sbin
   export PYTHONPATH=$project PYTHONNOUSERSITE=1 LANG=C.UTF-8
   mkdir -p "$cache/cache"
   export XDG_CACHE_HOME=$cache/cache # JIT and other caches, warm at the next start
+  export WOVENFAB_COMMIT=${WOVENFAB_COMMIT-$(commit)} # what results and pictures tell
   export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower
   # mpirun: as root in a container, more ranks than cores, several runs on the same cores.
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1

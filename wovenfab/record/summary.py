@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
 from wovenfab.record.cycles import cycles
+from wovenfab.record.provenance import this_process
 from wovenfab.record.results import write_whole
 
 if TYPE_CHECKING:
@@ -48,9 +49,12 @@ def summarise(
     """
     rows = len(history["step"])
     iterations = history["newton_iterations"][1:]  # the first row is the start, not a step
+    origin = this_process(ranks)
     peak = int(np.abs(history["force_N"]).argmax()) if rows else None
     return {
         "outcome": outcome,
+        "command": origin.command,
+        "commit": origin.commit,
         "steps": len(iterations),
         "end_s": float(history["time_s"][-1]) if rows else None,
         "peak_force_N": None if peak is None else float(history["force_N"][peak]),

@@ -9,7 +9,7 @@ from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.deformed import deformed
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import mode
-from wovenfab.report.source import open_source
+from wovenfab.report.source import open_source, origin_of
 from wovenfab.report.style import house_style, save
 
 
@@ -55,8 +55,8 @@ def draw(directory: str | Path) -> list[Path]:
 
 
 def _loop(folder: Path) -> list[Path]:
-    figure = loop(open_source(folder))
-    return [save(figure, folder / f"loop.{kind}") for kind in ("png", "svg")]
+    figure, origin = loop(open_source(folder)), origin_of(folder)
+    return [save(figure, folder / f"loop.{kind}", origin) for kind in ("png", "svg")]
 
 
 def _deformed(folder: Path) -> list[Path]:
@@ -65,7 +65,8 @@ def _deformed(folder: Path) -> list[Path]:
     stored = read_fields(folder)
     if not len(stored.times):
         return []
-    return [save(deformed(open_source(folder), stored), folder / "deformed.png")]
+    figure = deformed(open_source(folder), stored)
+    return [save(figure, folder / "deformed.png", origin_of(folder))]
 
 
 def _mode(folder: Path) -> list[Path]:
@@ -74,4 +75,5 @@ def _mode(folder: Path) -> list[Path]:
     stored = read_fields(folder, MODE)
     if not len(stored.times):
         return []
-    return [save(mode(open_source(folder), stored), folder / f"{MODE}.png")]
+    figure = mode(open_source(folder), stored)
+    return [save(figure, folder / f"{MODE}.png", origin_of(folder))]

@@ -15,6 +15,7 @@ from ruamel.yaml import YAML
 
 from wovenfab.record.cycles import Cycle, cycles
 from wovenfab.record.history import read_history
+from wovenfab.record.provenance import Provenance, of_summary, this_process
 from wovenfab.record.summary import read_summary
 
 
@@ -53,6 +54,16 @@ def open_source(directory: str | Path) -> Source:
     fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
     title = str(case.get("title") or folder.resolve().name)
     return Source(folder, title, fibres, history, cycles(history, _spans(folder)))
+
+
+def origin_of(directory: str | Path) -> Provenance:
+    """Return what makes a picture of a run: the run's command, then this process."""
+    try:
+        run = of_summary(read_summary(directory))
+    except (FileNotFoundError, json.JSONDecodeError):
+        run = None
+    here = this_process()
+    return run.then(here) if run else here
 
 
 def _case(folder: Path) -> dict[str, Any]:

@@ -11,6 +11,9 @@ import matplotlib as mpl
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
+from wovenfab.record.provenance import Provenance, this_process
+from wovenfab.report.stamp import stamp
+
 #: Text width of a two-column page (in).
 WIDTH = 7.0
 INK = "#1a1a1a"
@@ -97,7 +100,13 @@ def fill() -> Colormap:
     return LinearSegmentedColormap.from_list("fill", [ramp(0.74 * i / 63) for i in range(64)])
 
 
-def save(figure: Figure, path: Path) -> Path:
-    """Write a figure such that equal data give equal files; return ``path``."""
-    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+def save(figure: Figure, path: Path, origin: Provenance | None = None) -> Path:
+    """Write a figure such that equal data give equal files; return ``path``.
+
+    Args:
+        figure: The figure.
+        path: The file, ``.png`` or ``.svg``.
+        origin: What made the data, which the file tells; this process if None.
+    """
+    figure.savefig(path, metadata=stamp(path.suffix, origin or this_process()))
     return path
