@@ -76,8 +76,7 @@ def test_a_later_command_is_told_beside_the_first() -> None:
         f"{run.command}; wovenfab report a", f"{run.commit}; {again.commit}"
     )
     assert run.then(replace(again, commit=run.commit)).commit == run.commit
-    helper = Provenance("python3 -m wovenfab.report a", run.commit)
-    assert run.then(helper) == run
+    assert run.then(run) == run
 
 
 def test_a_run_without_a_summary_has_pictures_of_this_process(small: Path) -> None:

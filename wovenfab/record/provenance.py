@@ -11,8 +11,8 @@ from pathlib import Path
 
 #: Variable in which ``env/enter`` tells the commit of the code, ``+`` after it if changed.
 COMMIT = "WOVENFAB_COMMIT"
-#: What draws for a run in a process of its own: a part of the run's command.
-HELPER = "python3 -m wovenfab.report "
+#: Variable in which a command that starts others tells them what the user typed.
+COMMAND = "WOVENFAB_COMMAND"
 
 
 @dataclass(frozen=True)
@@ -30,24 +30,27 @@ class Provenance:
 
     def then(self, later: Provenance) -> Provenance:
         """Return what made a file for which one command used the results of another."""
-        command = "" if later.command.startswith(HELPER) else later.command
-        return Provenance(_together(self.command, command), _together(self.commit, later.commit))
+        return Provenance(
+            _together(self.command, later.command), _together(self.commit, later.commit)
+        )
 
 
 def this_process(ranks: int = 1) -> Provenance:
-    """Return the command and the commit of this process.
+    """Return the command that the user typed for this process, and the commit of its code.
 
     Args:
         ranks: Number of MPI ranks that the command was started on.
     """
+    commit = os.environ.get(COMMIT, "")
+    if os.environ.get(COMMAND):
+        return Provenance(os.environ[COMMAND], commit)
     spec = getattr(sys.modules.get("__main__"), "__spec__", None)
     module = spec.name.removesuffix(".__main__") if spec else ""
     program = ["python3", "-m", module] if module else [Path(sys.argv[0]).name]
     if module == "wovenfab":
         program = [module]
     launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-    command = shlex.join([*launcher, *program, *sys.argv[1:]])
-    return Provenance(command, os.environ.get(COMMIT, ""))
+    return Provenance(shlex.join([*launcher, *program, *sys.argv[1:]]), commit)
 
 
 def of_summary(summary: Mapping[str, object]) -> Provenance | None:

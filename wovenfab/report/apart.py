@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wovenfab.parallel import world
+from wovenfab.record.provenance import COMMAND, this_process
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -43,13 +44,14 @@ def draw_apart(
         comm: The ranks that call; all of MPI's if None.
         patience: Time (s) after which the drawing is given up.
     """
-    if (world() if comm is None else comm).rank != 0:
+    comm = world() if comm is None else comm
+    if comm.rank != 0:
         return Pictures()
     command = [sys.executable, "-m", "wovenfab.report", str(directory)]
     try:
         ended = subprocess.run(
             command,
-            env=child_environment(),
+            env=child_environment() | {COMMAND: this_process(comm.size).command},
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
