@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+from math import acos, pi
 from pathlib import Path
 
 import pytest
@@ -27,7 +28,7 @@ boundary: {left: clamp, right: {displacement: [program, 0]}}
 program: {type: cycles, amplitudes: [10 mm, 20 mm], max_velocity: 0.5 m/s}
 discretisation: {degree: 2, mesh_size: 150 mm}
 time: {steps_per_cycle: 8}
-output: {every: 4, pictures: false}
+output: {every: 7, pictures: false}
 """
 OWN_LAW = (Path(__file__).parents[2] / "docs" / "examples" / "my_effect.py").read_text()
 OWN_LAW = OWN_LAW.replace("my_effect", "law")
@@ -62,7 +63,8 @@ def rows(path: Path) -> list[dict[str, str]]:
 
 def test_a_run_writes_all_its_files_into_results_by_name(folder: Path) -> None:
     names = {p.name for p in (folder / "results" / "small").iterdir() if p.name[0] != "."}
-    wanted = {"case.yaml", "history.csv", "reactions.csv", "fields.xdmf", "fields.h5"}
+    wanted = {"case.yaml", "history.csv", "reactions.csv", "cycles.csv"}
+    wanted |= {"fields.xdmf", "fields.h5"}
     assert names == wanted | {"summary.json"}
 
 
@@ -85,6 +87,28 @@ def test_summary_tells_peak_force_cycles_and_phases(folder: Path) -> None:
     assert summary["peak_force_N"] == max(float(r["force_N"]) for r in rows(directory))
     assert len(summary["cycles"]) == 2
     assert {"import", "mesh", "compile", "steps"} <= set(summary["wall_time_s"])
+
+
+def test_cycles_have_the_figures_of_a_laboratory(folder: Path) -> None:
+    directory = folder / "results" / "small"
+    with (directory / "cycles.csv").open() as stream:
+        table = list(csv.DictReader(stream))
+    summary = json.loads((directory / "summary.json").read_text())
+    for row, told in zip(table, summary["cycles"], strict=True):
+        assert {name: float(row[name]) for name in told if name != "complete"} == pytest.approx(
+            {name: value for name, value in told.items() if name != "complete"}
+        )
+        span, d = 0.6, float(row["peak_displacement_m"])
+        angle = pi / 2 - 2 * acos((span + d) / (2**0.5 * span))
+        assert float(row["shear_angle_kinematic_rad"]) == pytest.approx(angle)
+        # not the same: yarns that bend carry the turn from zone to zone
+        assert float(row["shear_angle_field_rad"]) == pytest.approx(angle, rel=0.2)
+        assert float(row["normalised_shear_force_N_per_m"]) > 0
+
+
+def test_fields_are_stored_at_reversals_too(folder: Path) -> None:
+    fields = read_fields(folder / "results" / "small")
+    assert fields.steps.tolist() == [0, 4, 7, 8, 12, 14, 16]
 
 
 def test_existing_results_are_never_overwritten_silently(folder: Path) -> None:

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 from wovenfab.record.cycles import cycles
 
 PERIOD, AMPLITUDE, STIFFNESS, VISCOSITY = 2.0, 0.04, 3e3, 50.0
+SLIDER, DRIFT = 7.0, 1e-3
 #: Work of the damper over A/2 (1 - cos(2 pi t/T)).
 LOSS = VISCOSITY * (AMPLITUDE * np.pi) ** 2 / (2 * PERIOD)
 TWO = [(0.0, PERIOD), (PERIOD, 2 * PERIOD)]
@@ -16,7 +17,29 @@ def spring_and_damper(time: NDArray[np.float64]) -> dict[str, NDArray[np.float64
     rate = AMPLITUDE * np.pi / PERIOD * np.sin(phase)
     lost = LOSS * (phase / (2 * np.pi) - np.sin(2 * phase) / (4 * np.pi))
     force = STIFFNESS * u + VISCOSITY * rate
-    return {"time_s": time, "displacement_m": u, "force_N": force, "dissipated_J": lost}
+    return {
+        "time_s": time,
+        "displacement_m": u,
+        "force_N": force,
+        "energy_J": STIFFNESS / 2 * u**2,
+        "dissipated_J": lost,
+        "imbalance_J": DRIFT * time,
+    }
+
+
+def spring_and_slider() -> dict[str, NDArray[np.float64]]:
+    """Out and back at constant speed, from +f to -f, with a row on either side of each turn."""
+    u = np.array([0, AMPLITUDE, AMPLITUDE, 0.0])
+    friction = SLIDER * np.array([1, 1, -1, -1])
+    time = np.array([0, 1, 1 + 1e-12, 2])
+    return {
+        "time_s": time,
+        "displacement_m": u,
+        "force_N": STIFFNESS * u + friction,
+        "energy_J": STIFFNESS / 2 * u**2,
+        "dissipated_J": SLIDER * AMPLITUDE * np.array([0, 1, 1, 2]),
+        "imbalance_J": 0 * time,
+    }
 
 
 def test_the_loop_area_is_the_dissipated_energy_of_each_cycle() -> None:
@@ -65,3 +88,39 @@ def test_what_comes_before_and_between_cycles_belongs_to_none() -> None:
 
 def test_a_run_without_a_step_has_no_cycles() -> None:
     assert cycles(spring_and_damper(np.zeros(1)), TWO[:1]) == []
+
+
+def test_the_figures_of_a_spring_beside_a_damper() -> None:
+    history = spring_and_damper(np.linspace(0, 2 * PERIOD, 4001))
+    for number, cycle in enumerate(cycles(history, [(0, PERIOD), (PERIOD, 2 * PERIOD)])):
+        stored = STIFFNESS / 2 * AMPLITUDE**2
+        assert cycle.peak_time == pytest.approx((number + 0.5) * PERIOD)
+        assert cycle.secant_stiffness == pytest.approx(STIFFNESS)  # no speed at either end
+        assert cycle.residual_force == pytest.approx(0, abs=1e-9)
+        assert cycle.stored_at_peak == pytest.approx(stored)
+        assert cycle.loss_ratio == pytest.approx(LOSS / stored, rel=1e-5)
+        assert cycle.imbalance == pytest.approx(DRIFT * PERIOD)
+
+
+def test_the_figures_of_a_spring_beside_a_slider() -> None:
+    (cycle,) = cycles(spring_and_slider(), [(0, 2)])
+    assert cycle.residual_force == pytest.approx(-SLIDER)
+    assert cycle.secant_stiffness == pytest.approx(STIFFNESS)
+    assert cycle.loop_area == pytest.approx(2 * SLIDER * AMPLITUDE)
+    assert cycle.loss_ratio == pytest.approx(4 * SLIDER / (STIFFNESS * AMPLITUDE))
+
+
+def test_the_reversal_is_farthest_from_where_the_cycle_began() -> None:
+    history = spring_and_damper(np.linspace(0, PERIOD, 401))
+    history["displacement_m"] = 2 * AMPLITUDE - history["displacement_m"]
+    (cycle,) = cycles(history, [(0, PERIOD)])
+    assert cycle.peak_displacement == pytest.approx(AMPLITUDE)
+    assert cycle.secant_stiffness == pytest.approx(-STIFFNESS)
+
+
+def test_what_means_nothing_is_none() -> None:
+    history = spring_and_damper(np.linspace(0, 0.75 * PERIOD, 301))
+    assert cycles(history, [(0, PERIOD)])[0].loss_ratio is None  # half a loop has no area
+    still = history | {"displacement_m": 0 * history["time_s"], "energy_J": 0 * history["time_s"]}
+    (cycle,) = cycles(still, [(0, 0.75 * PERIOD)])
+    assert (cycle.loss_ratio, cycle.secant_stiffness) == (None, None)

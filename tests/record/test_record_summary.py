@@ -11,6 +11,7 @@ HISTORY = {
     "time_s": np.linspace(0, 1, 5),
     "displacement_m": np.array([0.0, 0.01, 0.02, 0.01, 0.0]),
     "force_N": np.array([0.0, 100.0, 250.0, -300.0, -10.0]),
+    "energy_J": np.array([0.0, 1.0, 3.0, 2.0, 0.4]),
     "dissipated_J": np.array([0.0, 1.0, 2.0, 3.0, 4.0]),
     "work_J": np.array([0.0, 2.0, 5.0, 5.0, 4.5]),
     "imbalance_J": np.array([0.0, 0.01, -0.2, 0.1, 0.0]),

@@ -147,3 +147,16 @@ def test_times_grow_strictly_over_all_kinds_of_segments() -> None:
         cycles(frequency="3 Hz"),
     )
     assert all(a.time < b.time for a, b in pairwise(program.milestones))
+
+
+def test_reversals_are_where_the_motion_turns_back() -> None:
+    program = planned(
+        cycles(frequency="1 Hz"),
+        Ramp.model_validate({"type": "ramp", "to": "10 mm", "velocity": "0.1 m/s", "steps": 3}),
+        Hold.model_validate({"type": "hold", "duration": "1 s", "steps": 2}),
+        Ramp.model_validate({"type": "ramp", "to": "20 mm", "velocity": "0.1 m/s", "steps": 3}),
+        Hold.model_validate({"type": "hold", "duration": "1 s", "steps": 2}),
+        Ramp.model_validate({"type": "ramp", "to": "0 mm", "velocity": "0.1 m/s", "steps": 3}),
+    )
+    assert sorted(program.reversals) == pytest.approx([0.5, 1, 1.5, 2, 2.5, 3, 5.2])
+    assert program.reversals <= {m.time for m in program.milestones}

@@ -194,7 +194,7 @@ class Output(Section):
     """Fields for ParaView; all that the effects know of unless given."""
 
     every: AtLeastOne = 10
-    """Fields are written every so many steps."""
+    """Fields are written every so many steps, at reversals and at the end."""
 
     pictures: Annotated[bool, Field(strict=True)] = True
     """Whether pictures are drawn at the end."""

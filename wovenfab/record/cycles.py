@@ -17,30 +17,52 @@ class Cycle:
         start: Time (s) at which the cycle begins.
         end: Time (s) at which it ends, or should have ended.
         complete: Whether the run reached its end; if not, the figures are those so far.
-        peak_displacement: Displacement of largest size, with its sign (m).
+        peak_time: When it is farthest from where it began (s): the reversal.
+        peak_displacement: Displacement then (m).
         peak_force: Force of largest size, with its sign (N).
-        dissipated: Energy dissipated by all effects (J).
+        residual_force: Force at its end (N).
+        secant_stiffness: Slope from its beginning to the reversal (N/m).
         loop_area: Integral of force over displacement, by trapezoids (J).
+        stored_at_peak: Energy stored at the reversal (J).
+        dissipated: Energy dissipated by all effects (J).
+        imbalance: Change of the energy imbalance (J).
     """
 
     start: float
     end: float
     complete: bool
+    peak_time: float
     peak_displacement: float
     peak_force: float
-    dissipated: float
+    residual_force: float
+    secant_stiffness: float | None
     loop_area: float
+    stored_at_peak: float
+    dissipated: float
+    imbalance: float
 
-    def as_dict(self) -> dict[str, float | bool]:
+    @property
+    def loss_ratio(self) -> float | None:
+        """Loop area over stored energy; None for part of a loop, or where nothing is stored."""
+        stores = self.complete and self.stored_at_peak > 0
+        return self.loop_area / self.stored_at_peak if stores else None
+
+    def as_dict(self) -> dict[str, float | bool | None]:
         """Return the figures by name, with units in the names, as the summary has them."""
         return {
             "start_s": self.start,
             "end_s": self.end,
             "complete": self.complete,
+            "peak_time_s": self.peak_time,
             "peak_displacement_m": self.peak_displacement,
             "peak_force_N": self.peak_force,
-            "dissipated_J": self.dissipated,
+            "residual_force_N": self.residual_force,
+            "secant_stiffness_N_per_m": self.secant_stiffness,
             "loop_area_J": self.loop_area,
+            "stored_at_peak_J": self.stored_at_peak,
+            "loss_ratio": self.loss_ratio,
+            "dissipated_J": self.dissipated,
+            "imbalance_J": self.imbalance,
         }
 
 
@@ -84,13 +106,24 @@ def _cycle(
     history: Mapping[str, NDArray[np.float64]], start: float, end: float, complete: bool
 ) -> Cycle:
     part = window(history, start, end)
-    u, force, lost = part["displacement_m"], part["force_N"], part["dissipated_J"]
+    u, force = part["displacement_m"], part["force_N"]
+    turn = int(np.abs(u - u[0]).argmax())
+    way = float(u[turn] - u[0])
     return Cycle(
         start=float(start),
         end=float(end),
         complete=complete,
-        peak_displacement=float(u[np.abs(u).argmax()]),
+        peak_time=float(part["time_s"][turn]),
+        peak_displacement=float(u[turn]),
         peak_force=float(force[np.abs(force).argmax()]),
-        dissipated=float(lost[-1] - lost[0]),
+        residual_force=float(force[-1]),
+        secant_stiffness=float(force[turn] - force[0]) / way if way else None,
         loop_area=float(np.trapezoid(force, u)),
+        stored_at_peak=float(part["energy_J"][turn]),
+        dissipated=_change(part["dissipated_J"]),
+        imbalance=_change(part["imbalance_J"]),
     )
+
+
+def _change(values: NDArray[np.float64]) -> float:
+    return float(values[-1] - values[0])

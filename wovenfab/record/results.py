@@ -18,6 +18,7 @@ FILES = (
     "case.yaml",
     "history.csv",
     "reactions.csv",
+    "cycles.csv",
     "fields.h5",
     "fields.xdmf",
     "summary.json",

@@ -13,6 +13,8 @@ from wovenfab.case import Case, dump_case
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
+from wovenfab.record.bias_extension import bias_extension_of
+from wovenfab.record.cycle_table import write_cycles
 from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import History, StepRecord, read_history
 from wovenfab.record.lattice import Lattice
@@ -104,6 +106,8 @@ def run(
         losses=modes.figures,
     )
     write_summary(directory, summary, comm)
+    specimen = bias_extension_of(case)
+    on_root(comm, lambda: write_cycles(directory, rows, program.cycles, specimen))
     return Result(failure, summary)
 
 
@@ -125,7 +129,7 @@ def _row(step: Step, rig: Rig) -> StepRecord:
 
 
 class _Fields:
-    """Writes the chosen fields at every so many planned steps, and at the last one."""
+    """Writes the chosen fields every so many planned steps, at reversals and at the end."""
 
     def __init__(self, case: Case, model: Model, directory: Path) -> None:
         lattice = Lattice(case.discretisation.degree)
@@ -147,8 +151,8 @@ class _Fields:
         if step.milestone is None:
             return
         self._planned += 1
-        last = step.milestone is program.milestones[-1]
-        if self._planned % self._every and not last:
+        time, end = step.milestone.time, program.milestones[-1].time
+        if self._planned % self._every and time not in {*program.reversals, end}:
             return
         data = {
             name: np.ascontiguousarray(v.reshape(-1, v.shape[2]).squeeze(axis=1))

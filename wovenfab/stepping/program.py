@@ -84,6 +84,16 @@ class Program:
                 found.append((begun, time))
         return found
 
+    @cached_property
+    def reversals(self) -> frozenset[float]:
+        """Planned times (s) from which the edge moves the other way; after a hold its end."""
+        moves = [
+            (start.time, end.displacement > start.displacement)
+            for start, end in pairwise(self.milestones)
+            if end.displacement != start.displacement
+        ]
+        return frozenset(time for (_, before), (time, after) in pairwise(moves) if before != after)
+
 
 def program_of(stretches: Sequence[Stretch]) -> Program:
     """Return the program that runs through the stretches one after the other."""
