@@ -115,8 +115,8 @@ def fields(points: Array, side: Array, displacement: float) -> dict[str, Array]:
         "curvature_1": curvature[0],
         "curvature_2": curvature[1],
         "shear_angle": np.pi / 2 - phi[0](s[0]) - phi[1](s[1]),
-        "stretch_1": np.ones(len(points)),
-        "stretch_2": np.ones(len(points)),
+        "stretch_1": np.zeros(len(points)),
+        "stretch_2": np.zeros(len(points)),
     }
 
 

@@ -100,7 +100,7 @@ def test_the_yarns_are_those_of_both_families(two: Path) -> None:
 
 def test_one_placement_is_coloured_by_the_shear_angle(small: Path) -> None:
     bar = deformed(open_source(small), read_fields(small)).axes[1]
-    assert bar.get_xlabel() == "shear angle (°)"
+    assert bar.get_xlabel() == "shear angle \N{GREEK SMALL LETTER GAMMA} (°)"
 
 
 def test_a_run_without_fields_has_a_loop(small: Path) -> None:

@@ -108,10 +108,21 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 
 @app.command()
 def report(
-    directory: Annotated[Path, typer.Argument(help="A results directory.", show_default=False)],
+    directories: Annotated[
+        list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            show_default=False,
+            help="Page of several runs; comparison.html in the folder that holds them all.",
+        ),
+    ] = None,
 ) -> None:
-    """Draw the pictures of a run again, from its files alone."""
-    sys.exit(report_command.report_results(directory))
+    """Draw pictures and report.html of a run from its files alone; or compare several runs."""
+    sys.exit(report_command.report_results(directories, output))
 
 
 @app.command()

@@ -2,19 +2,56 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from wovenfab.commands.voice import BAD_INPUT, Voice
 
+#: Results are whole, but something of the report could not be drawn.
+NOT_DRAWN = 1
 
-def report_results(directory: Path) -> int:
-    """Draw the pictures of a results directory and return the exit code."""
-    from wovenfab.report.pictures import draw
 
+def report_results(directories: Sequence[Path], output: Path | None) -> int:
+    """Report one run in its directory, or several on one page; return the exit code.
+
+    Args:
+        directories: The results directories.
+        output: The page of several runs, if not in the folder that holds them.
+    """
     voice = Voice()
-    if not (directory / "history.csv").is_file():
-        voice.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
+    for directory in directories:
+        if not (directory / "history.csv").is_file():
+            voice.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
+            return BAD_INPUT
+    if len(directories) > 1:
+        return _compare(voice, directories, output)
+    if output is not None:
+        voice.problem("-o names the page of several runs; that of one is in its own directory")
         return BAD_INPUT
-    for picture in draw(directory):
-        voice.say(str(picture))
+    return _report(voice, directories[0])
+
+
+def _report(voice: Voice, directory: Path) -> int:
+    from wovenfab.report.pictures import MAKERS, ReportError, draw
+
+    try:
+        drawn, problem = draw(directory, tuple(MAKERS)), None
+    except ReportError as error:
+        drawn, problem = error.drawn, str(error)
+    for path in drawn:
+        voice.say(str(path))
+    if problem is not None:
+        voice.problem(problem)
+    return 0 if problem is None else NOT_DRAWN
+
+
+def _compare(voice: Voice, directories: Sequence[Path], output: Path | None) -> int:
+    from wovenfab.report.pages.comparison import default_place, write_comparison
+
+    try:
+        path = write_comparison(directories, output or default_place(directories))
+    except (OSError, ValueError) as error:
+        voice.problem(str(error))
+        return BAD_INPUT
+    voice.say(str(path))
     return 0

@@ -28,6 +28,7 @@ FILES = (
     "mode.h5",
     "mode.xdmf",
     "mode.png",
+    "report.html",
 )
 
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.deformed import Colour, sheet
+from wovenfab.report.deformed import drawn
+from wovenfab.report.looks import Scale
+from wovenfab.report.sheet import Sheet, displacements
 from wovenfab.report.source import Source
-from wovenfab.report.style import MILLIMETRE, readable
+from wovenfab.report.style import MILLIMETRE, fill, readable
+from wovenfab.report.yarns import Triangles
 
 #: Largest displacement by the mode in the picture, over the length of the sheet.
 SHOWN = 0.08
@@ -21,15 +25,18 @@ def mode(source: Source, stored: StoredFields) -> Figure:
         source: The results.
         stored: Displacements and modes at the losses.
     """
-    names = sorted(name for name in stored.units if name.split("_")[0] == "displacement")
+    names = displacements(stored)
     states = [stored.field(name, 0) for name in names]
     modes = [stored.field(name.replace("displacement", "mode"), 0) for name in names]
     size = np.hypot(*np.mean(modes, axis=0).T)
     length = float(np.ptp(stored.points(), axis=0).max())
     scale = SHOWN * length / float(size.max())
-    shown = [u + scale * m for u, m in zip(states, modes, strict=True)]
-    colour = Colour("displacement in the mode, whose size is arbitrary", size / size.max())
-    return sheet(source, stored, shown, colour, _subtitle(source, float(stored.times[0])))
+    shown = tuple(u + scale * m for u, m in zip(states, modes, strict=True))
+    sheet = Sheet(Triangles(stored.points(), stored.triangles()), shown, source.fibres)
+    label = "displacement in the mode, whose size is arbitrary"
+    colours = Scale(label, 1.0, fill(), Normalize(0.0, 1.0), "neither")
+    subtitle = _subtitle(source, float(stored.times[0]))
+    return drawn(source.title, subtitle, sheet, size / size.max(), colours)
 
 
 def _subtitle(source: Source, time: float) -> str:

@@ -1,7 +1,8 @@
-"""All pictures of a results directory."""
+"""All pictures and pages of a results directory."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from wovenfab.record.field_file import DATA, MODE
@@ -24,34 +25,6 @@ class ReportError(Exception):
         """Keep what was drawn beside the message."""
         super().__init__(message)
         self.drawn = drawn
-
-
-def draw(directory: str | Path) -> list[Path]:
-    """Draw every picture that the results allow, into their directory.
-
-    Args:
-        directory: A results directory, of a finished run or not.
-
-    Returns:
-        The files written: ``loop.png`` and ``loop.svg``, ``deformed.png`` where the run
-        has fields, and ``mode.png`` where stability was lost.
-
-    Raises:
-        ReportError: A picture failed; the others are drawn all the same.
-    """
-    folder = Path(directory)
-    drawn: list[Path] = []
-    problems: list[str] = []
-    for name, picture in (("loop", _loop), ("deformed", _deformed), ("mode", _mode)):
-        try:
-            with house_style():
-                drawn += picture(folder)
-        except Exception as error:  # one picture must not cost the others
-            reason = " ".join(str(error).split()) or type(error).__name__
-            problems.append(f"no picture of {name}: {reason}")
-    if problems:
-        raise ReportError("; ".join(problems), drawn)
-    return drawn
 
 
 def _loop(folder: Path) -> list[Path]:
@@ -77,3 +50,48 @@ def _mode(folder: Path) -> list[Path]:
         return []
     figure = mode(open_source(folder), stored)
     return [save(figure, folder / f"{MODE}.png", origin_of(folder))]
+
+
+def _page(folder: Path) -> list[Path]:
+    from wovenfab.report.pages.run_page import write_run_page  # loads the templates' engine
+
+    return [write_run_page(folder)]
+
+
+#: What can be drawn of a run, each from its directory.
+MAKERS: dict[str, Callable[[Path], list[Path]]] = {
+    "picture of loop": _loop,
+    "picture of deformed": _deformed,
+    "picture of mode": _mode,
+    "page": _page,
+}
+#: What a run draws at its end.
+PICTURES = ("picture of loop", "picture of deformed", "picture of mode")
+
+
+def draw(directory: str | Path, wanted: Sequence[str] = PICTURES) -> list[Path]:
+    """Draw what is wanted, as far as the results allow, into their directory.
+
+    Args:
+        directory: A results directory, of a finished run or not.
+        wanted: Names of ``MAKERS``.
+
+    Returns:
+        The files written. What needs fields is left out where the run has none.
+
+    Raises:
+        ReportError: Something failed; the rest is drawn all the same.
+    """
+    folder = Path(directory)
+    drawn: list[Path] = []
+    problems: list[str] = []
+    for name in wanted:
+        try:
+            with house_style():
+                drawn += MAKERS[name](folder)
+        except Exception as error:  # one picture must not cost the others
+            reason = " ".join(str(error).split()) or type(error).__name__
+            problems.append(f"no {name}: {reason}")
+    if problems:
+        raise ReportError("; ".join(problems), drawn)
+    return drawn

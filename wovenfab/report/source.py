@@ -47,9 +47,9 @@ def open_source(directory: str | Path) -> Source:
     """
     folder = Path(directory)
     history = read_history(folder)
-    if not len(history["step"]):
+    if not len(history.get("step", ())):
         raise ValueError(f"{folder} has a history without a single step: nothing to draw")
-    case = _case(folder)
+    case = case_of(folder)
     angles = (case.get("sheet") or {}).get("fibres")
     fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
     title = str(case.get("title") or folder.resolve().name)
@@ -66,8 +66,9 @@ def origin_of(directory: str | Path) -> Provenance:
     return run.then(here) if run else here
 
 
-def _case(folder: Path) -> dict[str, Any]:
-    path = folder / "case.yaml"
+def case_of(directory: str | Path) -> dict[str, Any]:
+    """Return ``case.yaml`` as it is written; empty where there is none."""
+    path = Path(directory) / "case.yaml"
     return dict(YAML(typ="safe").load(path) or {}) if path.exists() else {}
 
 

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 from matplotlib.colors import Colormap, LinearSegmentedColormap
@@ -20,6 +21,11 @@ INK = "#1a1a1a"
 QUIET = "#8a8a8a"
 #: Colours of the two yarn families, apart from each other and from every colour of a field.
 YARNS = ("#1a1a1a", "#1f5fa8")
+
+#: Colours of things that have no order, apart for the colour-blind (Okabe and Ito, 2008).
+APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
+#: Line styles that go with them, for print.
+DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1.5, 1.5, 1.5)))
 
 _SETTINGS = {
     "font.family": "sans-serif",
@@ -84,6 +90,12 @@ def readable(unit: str, largest: float) -> Unit:
         if size * factor >= 1:
             return Unit(prefix + unit, factor)
     return Unit("µ" + unit, 1e6) if size > 0 else Unit(unit, 1.0)
+
+
+def said(value: float, unit: str) -> str:
+    """Return a value (SI) as people write it, ``535 N``, with three digits."""
+    shown = readable(unit, value)
+    return f"{value * shown.factor:.3g}\N{NO-BREAK SPACE}{shown.name}"
 
 
 def sequence(count: int) -> list[tuple[float, ...]]:

@@ -139,7 +139,6 @@ def graded_rectangle(
         mesh_size: Cell size away from the corners, m.
         corner_size: Cell size at the corners, m; None for a uniform mesh.
     """
-
     unit = max(length, width)
     largest, smallest = mesh_size / unit, (corner_size or mesh_size) / unit
 

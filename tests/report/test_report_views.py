@@ -1,0 +1,138 @@
+"""Which times, scales and cells the pictures of a page show."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.report.sample import make, mesh
+from wovenfab.record.lattice import Lattice
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.report.curves import energies, losses, parts, solver
+from wovenfab.report.extremes import extremes, largest
+from wovenfab.report.looks import scale_of
+from wovenfab.report.mesh import corners
+from wovenfab.report.overlays import cycle_figures, loops
+from wovenfab.report.source import open_source
+from wovenfab.report.style import house_style
+
+
+def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
+    source, stored = open_source(two), read_fields(two)
+    found = extremes(source, stored)
+    assert [turn.displacement for turn, _ in found] == pytest.approx([0.02, 0.04, 0.06])
+    assert [end.displacement for _, end in found] == pytest.approx([0, 0, 0], abs=1e-12)
+    assert stored.steps[[end.index for _, end in found]].tolist() == [80, 160, 240]
+    assert [turn.words for turn, _ in found] == [
+        "cycle 1, 20 mm", "cycle 2, 40 mm", "cycle 3, 60 mm",
+    ]  # fmt: skip
+    assert largest(source, stored).displacement == pytest.approx(0.06)
+
+
+def test_of_many_cycles_the_first_the_last_and_some_between_are_shown(two: Path) -> None:
+    found = extremes(open_source(two), read_fields(two), most=2)
+    assert [turn.words[:7] for turn, _ in found] == ["cycle 1", "cycle 3"]
+
+
+def test_a_run_without_cycles_is_one_way(small: Path) -> None:
+    (small / "summary.json").unlink()
+    ((turn, end),) = extremes(open_source(small), read_fields(small))
+    assert (turn.words, end.words) == ("run, 30 mm", "end of run")
+
+
+def test_a_cycle_that_goes_on_ends_where_it_is(tmp_path: Path) -> None:
+    stopped = make(tmp_path / "s", [0.03], placements=1, every=10, stop=31)
+    ((turn, end),) = extremes(open_source(stopped), read_fields(stopped))
+    assert turn.index == end.index == 3
+
+
+def test_one_scale_serves_several_pictures() -> None:
+    small, large = np.linspace(0, 1e-3, 101), np.linspace(0, 4e-3, 101)
+    scale = scale_of("beta", "m", [small, large])
+    assert scale.label == "slip between the families β (mm)"
+    assert (scale.norm.vmin, scale.norm.vmax) == (0, pytest.approx(4, rel=0.02))
+    np.testing.assert_allclose(scale(large), 1e3 * large)
+
+
+def test_a_few_peaks_do_not_dim_the_rest_and_are_told() -> None:
+    values = np.concatenate([np.linspace(0, 1, 1000), [50.0]])
+    scale = scale_of("curvature_1", "1/m", [values])
+    assert scale.norm.vmax == pytest.approx(1, rel=0.01)
+    assert scale.extend == "max"
+
+
+def test_signs_that_matter_have_a_scale_with_zero_in_the_middle() -> None:
+    strain = scale_of("stretch_1", "1", [np.linspace(-1e-4, 5e-4, 1001)])
+    assert strain.norm.vmin == -strain.norm.vmax
+    assert strain.label == "strain of family 1 (10⁻⁶)"
+    back = scale_of("shear_angle", "rad", [np.linspace(-0.3, 0.3, 101)])
+    assert back.norm.vmin == -back.norm.vmax == pytest.approx(np.degrees(-0.3), rel=0.01)
+    dips = scale_of("shear_angle", "rad", [np.linspace(-0.01, 0.3, 101)])
+    assert (dips.norm.vmin, dips.extend) == (0, "both")
+
+
+def test_a_field_of_zeros_has_a_scale() -> None:
+    assert scale_of("beta", "m", [np.zeros(5)]).norm.vmax > 0
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+def test_the_cells_are_those_of_the_mesh(degree: int) -> None:
+    cells, lattice = mesh(0.15), Lattice(degree)
+    shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
+    points = np.einsum("pk,ckd->cpd", shape, cells).reshape(-1, 2)
+    np.testing.assert_allclose(corners(points, lattice.connectivity(len(cells))), cells)
+
+
+def test_effects_without_energy_are_left_out() -> None:
+    history = {
+        "energy_J": np.ones(2),
+        "energy_shear_J": np.ones(2),
+        "energy_bending_J": np.zeros(2),
+        "dissipated_J": np.zeros(2),
+        "dissipated_slip_friction_J": np.ones(2),
+    }
+    assert list(parts(history, "energy")) == ["shear"]
+    assert list(parts(history, "dissipated")) == ["slip_friction"]
+
+
+def test_the_losses_are_those_of_the_cycles(two: Path) -> None:
+    source = open_source(two)
+    with house_style():
+        left, right = losses(source).axes
+    heights = [bar.get_height() for bar in left.containers[0]]
+    np.testing.assert_allclose(heights, [cycle.dissipated for cycle in source.cycles])
+    shown = [bar.get_height() for bar in right.containers[0]]
+    true = np.array([cycle.imbalance for cycle in source.cycles])
+    np.testing.assert_allclose(np.array(shown) * true[0], true * shown[0])
+
+
+def test_energies_show_each_effect_and_their_sum(two: Path) -> None:
+    source = open_source(two)
+    with house_style():
+        stored, lost = energies(source).axes
+    curves = [line for line in stored.lines if len(line.get_xdata()) > 2]
+    np.testing.assert_allclose(curves[0].get_ydata(), source.history["energy_stretch_J"])
+    assert [text.get_text() for text in lost.get_legend().get_texts()] == ["slip friction"]
+
+
+def test_the_solver_shows_every_step(small: Path) -> None:
+    source = open_source(small)
+    with house_style():
+        iterations, length, phases = solver(source, {"steps": 9.0, "mesh": 0.001}).axes
+    assert len(iterations.lines[0].get_xdata()) == 80
+    np.testing.assert_allclose(
+        length.lines[0].get_ydata() * 1e-3, np.diff(source.history["time_s"])
+    )
+    assert [text.get_text() for text in phases.get_yticklabels()] == ["steps"]
+
+
+def test_an_overlay_has_a_line_for_each_run(two: Path, small: Path) -> None:
+    runs = [("a", open_source(two)), ("b", open_source(small))]
+    with house_style():
+        (axes,) = loops(runs).axes
+        figures = cycle_figures(runs)
+    for line, (name, source) in zip(axes.lines, runs, strict=False):
+        assert line.get_label() == name
+        np.testing.assert_allclose(line.get_xdata(), 1e3 * source.history["displacement_m"])
+    peaks = [len(line.get_xdata()) for line in figures.axes[0].lines]
+    assert peaks == [3, 1]

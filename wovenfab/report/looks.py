@@ -1,0 +1,102 @@
+"""How fields are named, scaled and coloured for readers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.colors import Colormap, Normalize
+from numpy.typing import NDArray
+
+from wovenfab.record.stored_fields import StoredFields
+from wovenfab.report.style import DEGREE, Unit, fill, readable
+
+Values = NDArray[np.float64]
+#: Share of the values within the colours; the rest, at corners mostly, takes the last colour.
+SHARE = 99.5
+
+
+@dataclass(frozen=True)
+class Look:
+    """What readers see of a scalar field.
+
+    Attributes:
+        label: Its name in words.
+        signed: Whether both signs mean something.
+    """
+
+    label: str
+    signed: bool = False
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One scale for a field in several pictures.
+
+    Attributes:
+        label: Name and unit.
+        factor: From SI to that unit.
+        ramp: Colours.
+        norm: First and last value of the colours, in the unit.
+        extend: Which ends have values beyond, in matplotlib's words.
+    """
+
+    label: str
+    factor: float
+    ramp: Colormap
+    norm: Normalize
+    extend: str
+
+    def __call__(self, values: Values) -> Values:
+        """Return values (SI) in the unit of the scale."""
+        return values * self.factor
+
+
+LOOKS = {
+    "beta": Look("slip between the families β"),
+    "shear_angle": Look("shear angle \N{GREEK SMALL LETTER GAMMA}"),
+    "curvature_1": Look("curvature of family 1, κ₁"),
+    "curvature_2": Look("curvature of family 2, κ₂"),
+    "stretch_1": Look("strain of family 1", signed=True),
+    "stretch_2": Look("strain of family 2", signed=True),
+}
+
+
+def painted_fields(stored: StoredFields) -> list[str]:
+    """Return the stored fields that can be painted, the telling ones first."""
+    return [name for name in LOOKS if name in stored.units]
+
+
+def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
+    """Return the scale on which a field shows alike in several pictures.
+
+    Args:
+        name: Name of the field.
+        unit: Its SI unit.
+        values: The field in each picture (SI), arrays of shape (n,).
+    """
+    look = LOOKS[name]
+    everything = np.concatenate(values)
+    size = float(np.percentile(np.abs(everything), SHARE)) or 1.0
+    shown = _unit(unit, size)
+    low, high = float(everything.min()), float(everything.max())
+    signed = look.signed or low < -0.2 * size
+    first = -size if signed else 0.0
+    beyond = (low < first * (1 + 1e-9), high > size * (1 + 1e-9))
+    return Scale(
+        label=f"{look.label} ({shown.name})",
+        factor=shown.factor,
+        ramp=mpl.colormaps["RdBu_r"] if signed else fill(),
+        norm=Normalize(first * shown.factor, size * shown.factor),
+        extend={(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(beyond, "neither"),
+    )
+
+
+def _unit(unit: str, size: float) -> Unit:
+    if unit == "rad":
+        return DEGREE
+    if unit == "1":
+        return Unit("%", 1e2) if size >= 1e-3 else Unit("10⁻⁶", 1e6)
+    return Unit("1/m", 1.0) if unit == "1/m" else readable(unit, size)
