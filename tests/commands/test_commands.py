@@ -253,6 +253,16 @@ def test_check_says_what_an_effect_would_bring_and_which_does_nothing(
     assert "adding spin_friction would bring rates, history and time" in without.stdout
 
 
+def test_check_prints_the_case_as_resolved_and_nothing_else(folder: Path, tmp_path: Path) -> None:
+    text = f"from: {os.path.relpath(folder / 'small.yaml', tmp_path)}\ntitle: Other"
+    (tmp_path / "other.yaml").write_text(text)
+    told = wovenfab("check", "other.yaml", "--resolved", cwd=tmp_path).stdout
+    (tmp_path / "whole.yaml").write_text(told)
+    read = read_case(tmp_path / "whole.yaml")
+    assert read.model_dump() == read_case(tmp_path / "other.yaml").model_dump()
+    assert read.title == "Other"
+
+
 def test_schema_is_json_and_version_is_said(tmp_path: Path) -> None:
     schema = json.loads(wovenfab("schema", cwd=tmp_path).stdout)
     assert "stretch" in json.dumps(schema)

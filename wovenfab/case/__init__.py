@@ -7,6 +7,7 @@ from .files import Samples
 from .own_trial import blame_own
 from .problems import CaseError, Problem
 from .program import Cycles, Hold, Ramp, Segment, Table
+from .published import published_schema
 from .read import dump_case, json_schema, problem_at, read_case
 from .reference import effects_page
 from .scene import SceneEffect, Value
@@ -42,5 +43,6 @@ __all__ = [
     "effects_page",
     "json_schema",
     "problem_at",
+    "published_schema",
     "read_case",
 ]

@@ -2,22 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path as FilePath
-from typing import Any
+from typing import Any, NamedTuple
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
-from .problems import OVERRIDE, CaseError, Path, Problem, dotted, refusal
+from .files import FILE, FileName
+from .problems import CaseError, Path, Problem, dotted, refusal
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST = 20
 _MOST_VALUES = 100_000
 _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
+
+
+class Place(NamedTuple):
+    """Where a value was written.
+
+    Attributes:
+        file: The file as the user named it, or ``--set``.
+        line: Line of the file, from 1; None for ``--set``.
+    """
+
+    file: str
+    line: int | None
 
 
 @dataclass(frozen=True)
@@ -27,12 +40,12 @@ class Document:
     Attributes:
         data: What the text says.
         file: The file as the user named it.
-        lines: Line of each value by its path; None for a value given by ``--set``.
+        places: Where each value was written, by its path; that may be another file.
     """
 
     data: Any
     file: str
-    lines: Mapping[Path, int | None]
+    places: Mapping[Path, Place]
 
     def locate(self, location: Path, missing: bool = False) -> Path:
         """Return the path in the data of a place in the case.
@@ -56,10 +69,14 @@ class Document:
 
     def problem(self, path: Path, message: str, remedy: str = "") -> Problem:
         """Return the problem of the value at ``path``, or of what should hold it."""
-        known = next(path[:n] for n in range(len(path), -1, -1) if path[:n] in self.lines or n == 0)
-        line = self.lines.get(known)
-        given = known in self.lines and line is None
-        return Problem(OVERRIDE if given else self.file, line, dotted(path), message, remedy)
+        holders = (path[:n] for n in range(len(path), -1, -1))
+        known = next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
+        return Problem(*known, dotted(path), message, remedy)
+
+    def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
+        """Return problems in the order in which this case is read: by file, then by line."""
+        files = list(dict.fromkeys(place.file for place in self.places.values()))
+        return sorted(problems, key=lambda p: (files.index(p.file), p.line) if p.line else (-1, 0))
 
 
 def read_document(path: FilePath) -> Document:
@@ -68,11 +85,17 @@ def read_document(path: FilePath) -> Document:
     Raises:
         CaseError: The file cannot be read or is not plain YAML.
     """
-    return parse_document(_text_of(path), str(path))
+    return parse_document(_text_of(path), str(path), path.parent)
 
 
-def parse_document(text: str, file: str) -> Document:
-    """Return what YAML text says, as :func:`read_document` does."""
+def parse_document(text: str, file: str, folder: FilePath | None = None) -> Document:
+    """Return what YAML text says, as :func:`read_document` does.
+
+    Args:
+        text: The YAML.
+        file: Where it is from, for messages.
+        folder: What the files that it names are relative to; the case's folder if None.
+    """
     try:
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
@@ -85,11 +108,11 @@ def parse_document(text: str, file: str) -> Document:
         raise refusal(file, "lists or mappings are nested too deeply") from error
     if root is None:
         raise refusal(file, "the file is empty", "Start from one of those in configs/.")
-    reader = _Reader(file)
+    reader = _Reader(file, folder)
     data = reader.read(root, ())
     if reader.problems:
         raise CaseError(reader.problems)
-    return Document(data, file, reader.lines)
+    return Document(data, file, {path: Place(file, line) for path, line in reader.lines.items()})
 
 
 def _holds(data: Any, part: str | int) -> bool:
@@ -120,10 +143,10 @@ def _text_of(path: FilePath) -> str:
 class _Reader:
     """Walks the nodes of one document."""
 
-    def __init__(self, file: str) -> None:
-        self.file = file
+    def __init__(self, file: str, folder: FilePath | None) -> None:
+        self.file, self.folder = file, folder
         self.scalar = YAML(typ="safe", pure=True).constructor.construct_object
-        self.lines: dict[Path, int | None] = {}
+        self.lines: dict[Path, int] = {}
         self.problems: list[Problem] = []
 
     def read(self, node: Any, path: Path) -> Any:
@@ -144,6 +167,8 @@ class _Reader:
                     self._problem(line, path, "this number cannot be read")
                     return None
             case ScalarNode() if node.tag in _TEXT:
+                if self.folder is not None and path[-1:] == (FILE,):
+                    return FileName(node.value, self.folder)
                 return node.value
         self._problem(line, path, f"YAML tags such as {node.tag!r} mean nothing here")
         return None

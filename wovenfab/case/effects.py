@@ -22,7 +22,8 @@ from forms import catalogue
 from forms.effect import Effect, Parameter
 
 from .expression import Expression
-from .own_effects import FILE, OwnEffect, OwnEffects
+from .files import FILE
+from .own_effects import OwnEffect, OwnEffects
 from .scene import Scene, SceneEffect
 from .units import KINDS
 from .values import Json, OneOr, Section, hide_default

@@ -1,4 +1,4 @@
-"""Files that a case names, relative to the folder it lies in."""
+"""Files that a case names, relative to the folder of the file that names them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,21 @@ from pydantic import ValidationInfo
 
 from .problems import describe, one_of, wrong
 
+#: Key of a value that names a file, wherever it stands in a case.
+FILE = "file"
 COLUMNS = ("time_s", "displacement_m")
+
+
+class FileName(str):
+    """The name of a file, which remembers the folder of the file in which it stands."""
+
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path) -> FileName:
+        """Keep the folder beside the text."""
+        name = super().__new__(cls, text)
+        name.folder = folder
+        return name
 
 
 @dataclass(frozen=True)
@@ -36,9 +50,10 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
 
     Args:
         value: The text in the case.
-        folder: Where the case lies.
+        folder: Where the case lies, for a name that does not know its own folder.
         suffixes: Allowed ends of the name.
     """
+    folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
         raise wrong(f"expected the name of a file, got {describe(value)}")
     if Path(value).suffix not in suffixes:

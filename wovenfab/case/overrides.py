@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from .document import Document, parse_document
+from .document import Document, Place, parse_document
 from .problems import OVERRIDE, CaseError, Path, dotted, refusal
 
 
@@ -32,9 +32,9 @@ def override(document: Document, text: str) -> Document:
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key.strip()) for p in error.problems) from error
     data = _with(document.data, path, given.data)
-    lines = {p: n for p, n in document.lines.items() if p[: len(path)] != path}
-    new = {path[:n]: None for n in range(1, len(path))} | {path + p: None for p in given.lines}
-    return replace(document, data=data, lines=new | lines)
+    places = {p: at for p, at in document.places.items() if p[: len(path)] != path}
+    paths = [path[:n] for n in range(1, len(path))] + [path + p for p in given.places]
+    return replace(document, data=data, places=dict.fromkeys(paths, Place(OVERRIDE, None)) | places)
 
 
 def _with(data: Any, path: Path, value: Any, above: Path = ()) -> Any:

@@ -23,12 +23,11 @@ from forms import catalogue
 from forms.effect import Effect
 
 from . import units
-from .files import existing_file
+from .files import FILE, existing_file
 from .needs import RESISTIBLE
 from .own_trial import REMEDY, try_forms
 from .problems import in_brief, one_of, wrong
 
-FILE = "file"
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 

@@ -15,7 +15,8 @@ from ruamel.yaml import YAML
 
 from forms.effect import Effect
 
-from .document import Document, read_document
+from .derived import FROM, resolved_document
+from .document import Document
 from .effects import own_schemas
 from .overrides import override
 from .own_effects import OwnEffect, own_effects
@@ -23,6 +24,12 @@ from .problems import CaseError, Problem
 from .rules import findings
 from .schema import Case, Rectangle, possible_fields
 from .translate import problems_in
+
+_FROM_SCHEMA = {
+    "type": "string",
+    "description": "Case file to start from, relative to this one, which says what differs.",
+    "examples": ["base.yaml"],
+}
 
 
 def read_case(path: Path, overrides: Sequence[str] = ()) -> Case:
@@ -47,9 +54,9 @@ def read_case(path: Path, overrides: Sequence[str] = ()) -> Case:
         effects = [e.effect for e in own.values() if isinstance(e, OwnEffect)]
         found = list(problems_in(error, document, json_schema(effects)))
         found += _combinations(_valid_sections(document.data, context), document)
-        raise CaseError(sorted(found, key=lambda p: p.line or 0)) from error
+        raise CaseError(document.in_order(found)) from error
     if found := list(_combinations({k: getattr(case, k) for k in Case.model_fields}, document)):
-        raise CaseError(sorted(found, key=lambda p: p.line or 0))
+        raise CaseError(document.in_order(found))
     return _with_defaults(case)
 
 
@@ -70,12 +77,13 @@ def problem_at(
 
 
 def json_schema(own: Sequence[Effect] = ()) -> dict[str, Any]:
-    """Return the JSON Schema of a case file, for editors and for ``wovenfab schema``.
+    """Return the JSON Schema of a whole case.
 
     Args:
         own: The user's own effects, to be described beside those of forms/.
     """
     schema = Case.model_json_schema(schema_generator=_InOrder)
+    schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
     schema["$defs"]["Effects"]["properties"] |= own_schemas(own)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
 
@@ -100,7 +108,7 @@ class _InOrder(GenerateJsonSchema):
 
 
 def _document(path: Path, overrides: Sequence[str]) -> Document:
-    return reduce(override, overrides, read_document(path))
+    return reduce(override, overrides, resolved_document(path))
 
 
 def _combinations(sections: dict[str, Any], document: Document) -> Iterator[Problem]:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from wovenfab import __version__
-from wovenfab.case import CaseError, effects_page, json_schema
+from wovenfab.case import CaseError, effects_page, json_schema, published_schema
 from wovenfab.commands import check as check_command
 from wovenfab.commands import report as report_command
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice
@@ -90,9 +90,19 @@ def run(
 
 
 @app.command()
-def check(case: CaseFile, overrides: Overrides = None) -> None:
+def check(
+    case: CaseFile,
+    overrides: Overrides = None,
+    resolved: Annotated[
+        bool,
+        typer.Option(
+            "--resolved",
+            help="Print the whole case instead, with all it takes over and every default.",
+        ),
+    ] = False,
+) -> None:
     """Validate a case and say what would be built: effects, unknowns, steps, memory."""
-    sys.exit(check_command.check_case(case, overrides or []))
+    sys.exit(check_command.check_case(case, overrides or [], resolved))
 
 
 @app.command()
@@ -134,7 +144,10 @@ def schema(
     """Print the JSON Schema of case files, for editors that complete and check YAML."""
     import json
 
-    typer.echo(effects_page() if effects else json.dumps(json_schema(), indent=2), nl=not effects)
+    if effects:
+        typer.echo(effects_page(), nl=False)
+        return
+    typer.echo(json.dumps(published_schema(json_schema()), indent=2))
 
 
 def main() -> None:

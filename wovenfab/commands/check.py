@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from forms.catalogue import effects
 from forms.effect import Needs
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, dump_case, read_case
 from wovenfab.case.needs import acting
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import Voice
@@ -17,10 +17,19 @@ if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
 
 
-def check_case(path: Path, overrides: Sequence[str]) -> int:
-    """Validate a case file, say what would be built and return the exit code."""
+def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
+    """Validate a case file, say what would be built and return the exit code.
+
+    Args:
+        path: The case file.
+        overrides: Values that replace those of the file.
+        resolved: Whether to print the case as a whole instead.
+    """
     voice = Voice()
     case = read_case(path, overrides)
+    if resolved:
+        voice.say(dump_case(case).rstrip())
+        return 0
     sheet = sheet_for(case, path, overrides)
     from wovenfab.simulation.assemble import program_of_case
 
