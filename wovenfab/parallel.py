@@ -1,13 +1,18 @@
-"""Work done by one rank such that all ranks agree on how it ended."""
+"""Work done by one rank such that all ranks agree on how it ended, and by other processes."""
 
 from __future__ import annotations
 
+import os
 import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+#: What makes a process think that mpirun or srun started it as a rank.
+_RANK_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_", "SLURM_")
 
 
 def world() -> MPI.Comm:
@@ -60,3 +65,11 @@ def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
     made: list[T] = []
     on_root(comm, lambda: made.append(make()))
     return made[0] if made else elsewhere
+
+
+def child_environment() -> dict[str, str]:
+    """Return the environment without mpirun's marks, in which this package is found."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(_RANK_VARIABLES)}
+    here = str(Path(__file__).resolve().parents[1])
+    kept["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [kept.get("PYTHONPATH")])])
+    return kept

@@ -6,7 +6,8 @@ import pytest
 from mpi4py import MPI
 
 from tests.report.sample import make
-from wovenfab.report.apart import child_environment, draw_apart
+from wovenfab.parallel import child_environment
+from wovenfab.report.apart import draw_apart
 
 
 def test_pictures_are_drawn_in_another_process(small: Path) -> None:

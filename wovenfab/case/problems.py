@@ -18,7 +18,7 @@ class Problem:
     """One thing that is wrong with a case.
 
     Attributes:
-        file: The case file as the user named it, or ``--set``.
+        file: The case file as the user named it, or the option, such as ``--set``.
         line: Line of the file, from 1; None where there is none.
         key: Dotted key, list indices from 0; empty for the file as a whole.
         message: What is wrong, without a full stop.
@@ -34,7 +34,7 @@ class Problem:
     def __str__(self) -> str:
         """Return the problem as it is printed."""
         place = self.file if self.line is None else f"{self.file}:{self.line}"
-        separator = " " if self.file == OVERRIDE else ": "
+        separator = " " if self.file.startswith("--") else ": "
         head = f"{place}{separator}{self.key}: " if self.key else f"{place}: "
         return f"{head}{self.message}. {self.remedy}".rstrip()
 

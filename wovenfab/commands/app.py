@@ -117,6 +117,48 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 
 
 @app.command()
+def sweep(
+    cases: Annotated[
+        list[Path], typer.Argument(help="Case files, or a sweep file (YAML).", show_default=False)
+    ],
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUE,VALUE",
+            show_default=False,
+            help='Values of a key, as in --over "sheet.length=0.6 m,0.9 m"; all combinations are '
+            "run.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            show_default=False,
+            help="Directory of all results; results/<name of the first file>-sweep unless given.",
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
+        ),
+    ] = None,
+) -> None:
+    """Run a case with other values side by side: a table and a picture of all loops.
+
+    Repeat the command to go on after an interruption; only what changed is computed again.
+    Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
+    """
+    from wovenfab.commands.sweep import run_sweep
+
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
+
+
+@app.command()
 def report(
     directories: Annotated[
         list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)

@@ -49,7 +49,9 @@ class Voice:
     def problem(self, text: str) -> None:
         """Print a message to the error stream."""
         if self._speaks:
-            print(f"wovenfab: {text}" if ".yaml:" not in text else text, file=sys.stderr)
+            print(
+                f"wovenfab: {text}" if ".yaml:" not in text else text, file=sys.stderr, flush=True
+            )
 
     def __enter__(self) -> Voice:
         """Start the live bar if somebody watches."""
@@ -95,7 +97,7 @@ class Voice:
         elif moment - self._last > PAUSE and now.step is not None and now.done > 0:
             self._last = moment
             left = (moment - self._start) * (1 - now.done) / now.done
-            self.say(f"{now.done:4.0%}  {state}, {_duration(left)} left")
+            self.say(f"{now.done:4.0%}  {state}, {duration(left)} left")
 
 
 def _state(now: Progress) -> str:
@@ -108,6 +110,7 @@ def _state(now: Progress) -> str:
     )
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
+    """Return a time in words."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

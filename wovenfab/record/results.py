@@ -13,6 +13,9 @@ if TYPE_CHECKING:
 #: Shows that wovenfab made the directory, so that only such a one can be overwritten.
 MARKER = ".wovenfab"
 
+#: What finished results were computed from, where a sweep made them.
+FINGERPRINT = ".fingerprint"
+
 #: Everything that wovenfab writes into a results directory, and may replace.
 FILES = (
     "case.yaml",
@@ -29,6 +32,7 @@ FILES = (
     "mode.xdmf",
     "mode.png",
     "report.html",
+    FINGERPRINT,
 )
 
 

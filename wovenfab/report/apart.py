@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wovenfab.parallel import world
+from wovenfab.parallel import child_environment, world
 from wovenfab.record.provenance import COMMAND, this_process
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-#: What makes a process think that mpirun or srun started it as a rank.
-_RANK_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_", "SLURM_")
 
 
 @dataclass(frozen=True)
@@ -67,14 +63,6 @@ def draw_apart(
         return Pictures(paths)
     said = ended.stderr.strip().splitlines() or [f"it ended with code {ended.returncode}"]
     return Pictures(paths, _warning(directory, said[-1]))
-
-
-def child_environment() -> dict[str, str]:
-    """Return the environment without mpirun's marks, in which this package is found."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(_RANK_VARIABLES)}
-    here = str(Path(__file__).resolve().parents[2])
-    kept["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [kept.get("PYTHONPATH")])])
-    return kept
 
 
 def _warning(directory: str | Path, reason: str) -> str:

@@ -1,0 +1,77 @@
+"""What makes results old: the case, the files it names, the code that computes."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.structure.test_layers import LAYERS
+from wovenfab.case import read_case
+from wovenfab.study.fingerprint import COMPUTING, code, fingerprint
+
+ROOT = Path(__file__).parents[2]
+BIAS = ROOT / "configs" / "bias-1x3.yaml"
+
+
+def test_all_layers_that_compute_count() -> None:
+    computing = LAYERS[: LAYERS.index("wovenfab.simulation") + 1]
+    assert {f"wovenfab.{name}" for name in COMPUTING} | {"forms"} == set(computing)
+
+
+def test_every_value_counts_and_the_way_it_is_written_does_not() -> None:
+    case = fingerprint(read_case(BIAS))
+    assert fingerprint(read_case(BIAS, ["sheet.width=300 mm"])) == case
+    for change in ("sheet.width=0.31 m", "effects.coupling=null", "output.every=9"):
+        assert fingerprint(read_case(BIAS, [change])) != case
+
+
+def test_the_contents_of_named_files_count(tmp_path: Path) -> None:
+    (tmp_path / "u.csv").write_text("time_s,displacement_m\n0,0\n1,1e-3\n")
+    (tmp_path / "sheet.geo").write_text("// one")
+    effect = (ROOT / "docs" / "examples" / "my_effect.py").read_text()
+    (tmp_path / "my_effect.py").write_text(effect)
+    (tmp_path / "case.yaml").write_text(
+        f"from: {BIAS}\n"
+        "sheet: {shape: null, length: null, width: null, file: sheet.geo}\n"
+        "discretisation: {mesh: null}\n"
+        "effects: {my_effect: {file: my_effect.py, stiffness: 1}}\n"
+        "program: {type: table, file: u.csv}\n"
+    )
+    known = set()
+    for name in (None, "u.csv", "sheet.geo", "my_effect.py"):
+        if name:
+            with (tmp_path / name).open("a") as stream:
+                stream.write({"u.csv": "2,2e-3\n", "sheet.geo": "// two"}.get(name, "# three"))
+        known.add(fingerprint(read_case(tmp_path / "case.yaml")))
+    assert len(known) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "matters"),
+    [
+        ("", False),
+        ('"""Another docstring."""\n# a comment\n', False),
+        ("SOMETHING = 1\n", True),
+    ],
+)
+def test_code_counts_and_comments_do_not(change: str, matters: bool, tmp_path: Path) -> None:
+    """A copy of the code with a change in one file."""
+    for name in ("forms", "wovenfab"):
+        for source in (ROOT / name).rglob("*.py"):
+            copy = tmp_path / source.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            copy.write_text(source.read_text())
+    for name in ("wovenfab/solver/admissible.py", "wovenfab/report/style.py"):
+        source = tmp_path / name
+        source.write_text(source.read_text() + (change if "solver" in name else "AND = 2\n"))
+    (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
+    script = "from wovenfab.study.fingerprint import code; print(code())"
+    told = subprocess.run(
+        [sys.executable, "-c", script],
+        cwd=tmp_path, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin"},
+        text=True, capture_output=True, check=True,
+    )  # fmt: skip
+    assert (told.stdout.strip() != code()) is matters

@@ -1,0 +1,154 @@
+"""What a sweep runs: grids, named runs and case files, each under a name of its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from wovenfab.case import CaseError, Rectangle
+from wovenfab.simulation.assemble import program_of_case
+from wovenfab.study.members import Member, members_of
+from wovenfab.study.sweep_file import is_sweep_file, read_sweep_file
+from wovenfab.study.variation import grid, read_over
+
+CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+BIAS = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
+
+
+def over(*texts: str, paths: tuple[Path, ...] = (BIAS,)) -> list[Member]:
+    return members_of(paths, grid([read_over(text) for text in texts]))
+
+
+def length(member: Member) -> float:
+    assert isinstance(member.case.sheet, Rectangle)
+    return member.case.sheet.length
+
+
+def test_every_combination_is_a_member() -> None:
+    found = over("sheet.length=0.6 m,0.9 m,1.2 m", "effects.slip_friction.slope=70,700 s/m")
+    assert [m.label for m in found[:2]] == [
+        "length=0.6 m, slope=70",
+        "length=0.6 m, slope=700 s/m",
+    ]
+    assert found[1].name == "length=0.6m,slope=700s_m"
+    told = [(length(m), m.case.effects["slip_friction"]["slope"]) for m in found]
+    assert told == [(a, b) for a in (0.6, 0.9, 1.2) for b in (70.0, 700.0)]
+
+
+def test_lists_and_mappings_are_values_too() -> None:
+    (one, two) = over("program.amplitudes=[20 mm],[20 mm, 40 mm]")
+    assert [m.steps for m in (one, two)] == [80, 160]
+    assert len({one.name, two.name}) == 2
+    (only,) = over("program={type: ramp, to: 40 mm, steps: 7, velocity: 1 m/s}")
+    assert only.steps == 7
+
+
+def test_keys_that_end_alike_are_told_apart() -> None:
+    (found,) = over("effects.bending.stiffness=1", "effects.stretch.stiffness=2")
+    assert found.label == "bending.stiffness=1, stretch.stiffness=2"
+
+
+def test_null_takes_out() -> None:
+    without, other = over("effects.slip_friction=null,{slope: 7, strength: 1}")
+    assert "slip_friction" not in without.case.effects
+    assert other.case.effects["slip_friction"] == {"slope": 7.0, "strength": 1.0}
+
+
+def test_case_files_are_members_by_their_names() -> None:
+    found = over(paths=(CONFIGS[0], CONFIGS[1]))
+    assert [m.name for m in found] == [CONFIGS[0].stem, CONFIGS[1].stem]
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_the_planned_steps_are_those_of_the_program(path: Path) -> None:
+    (member,) = over(paths=(path,))
+    assert member.steps == len(program_of_case(member.case).milestones) - 1
+
+
+@pytest.mark.parametrize(
+    ("texts", "told"),
+    [
+        (
+            ["sheet.length"],
+            "--over: expected 'key=value,value', got 'sheet.length'. For example --over "
+            '"effects.bending.stiffness=24 N*m,254 N*m".',
+        ),
+        (["sheet.length="], "--over sheet.length: no value is given."),
+        (["sheet.lenght=1,2"], "--over sheet.lenght: unknown key. Did you mean 'length'?"),
+        (
+            ["sheet.length=1,2 N"],
+            "--over sheet.length: expected a length such as '40 mm', got 'N'.",
+        ),
+        (
+            ["sheet.length=1,1"],
+            "--over: 2 runs would be called 'length=1'. Give each case and each value once.",
+        ),
+    ],
+)
+def test_what_cannot_be_varied_is_told(texts: list[str], told: str) -> None:
+    with pytest.raises(CaseError) as caught:
+        over(*texts)
+    assert str(caught.value) == told
+
+
+def sweep_file(folder: Path, text: str) -> Path:
+    (folder / "cases").mkdir()
+    (folder / "cases" / "bias.yaml").write_text(BIAS.read_text())
+    (folder / "sweep.yaml").write_text(text)
+    return folder / "sweep.yaml"
+
+
+def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -> None:
+    path = sweep_file(
+        tmp_path,
+        "case: cases/bias.yaml\n"
+        "runs:\n"
+        "  soft: {effects.bending.stiffness: 24 N*m, effects.stretch.stiffness: 8.55e7}\n"
+        "  stiff: {effects.bending.stiffness: 560 N*m}\n"
+        "over: {sheet.length: [0.6 m, 0.9 m]}\n",
+    )
+    assert is_sweep_file(path)
+    assert not is_sweep_file(BIAS)
+    told = read_sweep_file(path)
+    found = members_of(told.cases, told.variations)
+    assert [m.name for m in found] == [
+        "soft,length=0.6m",
+        "soft,length=0.9m",
+        "stiff,length=0.6m",
+        "stiff,length=0.9m",
+    ]
+    assert found[0].case.effects["stretch"]["stiffness"] == (8.55e7, 8.55e7)
+    assert found[3].case.effects["stretch"]["stiffness"] == (1.27e8, 1.27e8)
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("case: no.yaml", ":1: case: there is no file 'no.yaml'. Names are relative to the case"),
+        ("case: cases/bias.yaml\novr: 1", ":2: ovr: unknown key. Did you mean 'over'?"),
+        ("case: cases/bias.yaml\nover: {a: 1}", ":2: over.a: expected a list, got 1."),
+        ("case: cases/bias.yaml\nover: {a: []}", ":2: a: no value is given."),
+        (
+            "case: cases/bias.yaml\nruns: {a: }",
+            ":2: runs.a: expected keys with values, got",
+        ),
+        ("case: cases/bias.yaml\nruns: {a: {}}", ":2: runs.a: no value is given."),
+        (
+            "case: cases/bias.yaml\nruns:\n  a: {time.scheme: bdf2}\n  b:\n    time.scheme: bdf3",
+            ":5: time.scheme: expected 'bdf2', 'backward-euler' or 'midpoint', got 'bdf3'.",
+        ),
+        (
+            "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1, 2 N]",
+            ":3: effects.shear.stiffness: expected a force per length such as '400 N/m', got 'N'",
+        ),
+    ],
+)
+def test_a_mistake_in_a_sweep_file_is_told_with_its_line(
+    text: str, told: str, tmp_path: Path
+) -> None:
+    path = sweep_file(tmp_path, text)
+    with pytest.raises(CaseError) as caught:
+        file = read_sweep_file(path)
+        members_of(file.cases, file.variations)
+    assert f"{path}{told}" in str(caught.value)

@@ -1,0 +1,107 @@
+"""What a sweep varies: values by their keys in the case."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import product
+from operator import or_
+from typing import Any
+
+from wovenfab.case import CaseError, Problem
+from wovenfab.case.document import Place, parse_document
+from wovenfab.case.problems import OVERRIDE, refusal
+
+#: ``Problem.file`` of what the command line varies.
+OVER = "--over"
+
+
+@dataclass(frozen=True)
+class Variation:
+    """Values that one member of a sweep has in place of those of its case.
+
+    Attributes:
+        values: As they are written in a case, by dotted key.
+        places: Where each was written.
+        name: What it is called, if it has a name.
+        axes: The keys whose values are told in a name.
+    """
+
+    values: Mapping[str, Any] = field(default_factory=dict)
+    places: Mapping[str, Place] = field(default_factory=dict)
+    name: str = ""
+    axes: tuple[str, ...] = ()
+
+    def __or__(self, other: Variation) -> Variation:
+        """Return both together; the other one has the last word."""
+        return Variation(
+            {**self.values, **other.values},
+            {**self.places, **other.places},
+            "-".join(filter(None, (self.name, other.name))),
+            tuple(dict.fromkeys(self.axes + other.axes)),
+        )
+
+    def label(self) -> str:
+        """Return name and values in a few words."""
+        told = (f"{_short(key, self.axes)}={_word(self.values[key])}" for key in self.axes)
+        return ", ".join(filter(None, [self.name, *told]))
+
+    def overrides(self) -> tuple[str, ...]:
+        """Return the values as :func:`wovenfab.case.read_case` takes them."""
+        return tuple(f"{key}={json.dumps(value)}" for key, value in self.values.items())
+
+    def at_home(self, problem: Problem) -> Problem:
+        """Return a problem of an overridden value as one of the place where it was written."""
+        for key, place in self.places.items():
+            if problem.file == OVERRIDE and f"{problem.key}.".startswith(f"{key}."):
+                return replace(problem, file=place.file, line=place.line)
+        return problem
+
+
+def grid(axes: Sequence[Sequence[Variation]]) -> list[Variation]:
+    """Return every combination of one variation of each axis; a single empty one of none."""
+    return [reduce(or_, chosen, Variation()) for chosen in product(*axes)]
+
+
+def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
+    """Return a variation for each value of a key.
+
+    Raises:
+        CaseError: There is no value.
+    """
+    if not values:
+        raise refusal(place.file, "no value is given", line=place.line, key=key)
+    return [Variation({key: value}, {key: place}, axes=(key,)) for value in values]
+
+
+def read_over(text: str) -> list[Variation]:
+    """Return the axis of ``key=value,value``, as the command line has it.
+
+    Raises:
+        CaseError: The text is something else.
+    """
+    key, equals, values = (part.strip() for part in text.partition("="))
+    if not key or not equals:
+        remedy = 'For example --over "effects.bending.stiffness=24 N*m,254 N*m".'
+        raise refusal(OVER, f"expected 'key=value,value', got {text!r}", remedy)
+    try:
+        given = parse_document(f"[{values}]", OVER).data
+    except CaseError as error:
+        raise CaseError(replace(p, line=None, key=key) for p in error.problems) from error
+    return axis(key, given, Place(OVER, None))
+
+
+def _short(key: str, keys: Sequence[str]) -> str:
+    """Return the last parts of a dotted key, as many as tell it from the others."""
+    parts = key.split(".")
+    for n in range(1, len(parts)):
+        end = ".".join(parts[-n:])
+        if not any(f".{other}".endswith(f".{end}") for other in keys if other != key):
+            return end
+    return key
+
+
+def _word(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
