@@ -5,13 +5,16 @@ case  = configs/bias-1x3.yaml
 ranks = 2
 enter = env/enter
 
-.PHONY: help run test lint docs bench paraview-check clean clean-environment
+.PHONY: help run paper test lint docs bench paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
 
 run: ## compute the bias-extension loop on 2 ranks into results/bias-1x3
 	$(enter) mpirun -n $(ranks) wovenfab run $(case) --overwrite
+
+paper: ## run the paper's figures, measure its claims, write docs/paper.md; goes on where it was
+	$(enter) wovenfab paper configs/paper -o results/paper --docs docs
 
 test: lint ## style, types and all tests but the slow ones
 	$(enter) pytest -n 2 -m "not mpi and not slow"

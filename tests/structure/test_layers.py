@@ -24,6 +24,7 @@ LAYERS = (
     "wovenfab.simulation",
     "wovenfab.study",
     "wovenfab.report",
+    "wovenfab.paper",
     "wovenfab.commands",
     "wovenfab.bench",
 )

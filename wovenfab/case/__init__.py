@@ -8,7 +8,7 @@ from .own_trial import blame_own
 from .problems import CaseError, Problem
 from .program import Cycles, Hold, Ramp, Segment, Table
 from .published import published_schema
-from .read import dump_case, json_schema, problem_at, read_case
+from .read import case_data, dump_case, json_schema, problem_at, read_case
 from .reference import effects_page
 from .scene import SceneEffect, Value
 from .schema import Case, Discretisation, Output, Rectangle, SheetFile, Solver, Time
@@ -38,6 +38,7 @@ __all__ = [
     "Time",
     "Value",
     "blame_own",
+    "case_data",
     "conditions_of",
     "dump_case",
     "effects_page",

@@ -60,6 +60,19 @@ def read_case(path: Path, overrides: Sequence[str] = ()) -> Case:
     return _with_defaults(case)
 
 
+def case_data(path: Path, overrides: Sequence[str] = ()) -> Any:
+    """Return what a case file says with all that it takes over, as it is written there.
+
+    Args:
+        path: The case file.
+        overrides: As given to :func:`read_case`.
+
+    Raises:
+        CaseError: A file cannot be read.
+    """
+    return _document(path, overrides).data
+
+
 def problem_at(
     path: Path, overrides: Sequence[str], key: str, message: str, remedy: str = ""
 ) -> Problem:

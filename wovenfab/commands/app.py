@@ -159,6 +159,37 @@ def sweep(
 
 
 @app.command()
+def paper(
+    folder: Annotated[
+        Path, typer.Argument(help="The case files of the figures.", show_default=True)
+    ] = Path("configs/paper"),
+    overrides: Overrides = None,
+    output: Annotated[Path, typer.Option("-o", "--output", help="Directory of all results.")] = (
+        Path("results/paper")
+    ),
+    docs: Annotated[
+        Path | None,
+        typer.Option(
+            show_default=False, help="Where the page goes; beside the results unless given."
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
+        ),
+    ] = None,
+) -> None:
+    """Run the paper's figures, measure its claims and write the page of both.
+
+    Repeat the command to go on after an interruption; only what changed is computed again.
+    """
+    from wovenfab.commands.paper import make_paper
+
+    sys.exit(make_paper(folder, overrides or [], output, docs, jobs))
+
+
+@app.command()
 def report(
     directories: Annotated[
         list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)

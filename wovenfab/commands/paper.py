@@ -1,0 +1,84 @@
+"""``wovenfab paper``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from functools import reduce
+from pathlib import Path
+
+from wovenfab.commands.sweep import exit_code, run_members
+from wovenfab.commands.voice import INTERRUPTED, Voice
+from wovenfab.paper.campaign import Campaign, Results, campaign_of
+from wovenfab.paper.claim import Claim
+from wovenfab.paper.claims import claims
+from wovenfab.record.provenance import Provenance, of_summary, this_process
+from wovenfab.record.results import write_whole
+
+
+def make_paper(
+    folder: Path, overrides: Sequence[str], output: Path, docs: Path | None, jobs: int | None
+) -> int:
+    """Run the campaign, measure its claims, draw its figures and write its page.
+
+    Args:
+        folder: The case files.
+        overrides: Values that replace those of all cases.
+        output: Directory of all results.
+        docs: Where the page goes; ``output``, too, if None.
+        jobs: Number of runs side by side.
+
+    Returns:
+        The exit code; 3 if a run failed, without claims and figures.
+    """
+    campaign, voice = campaign_of(folder, overrides), Voice()
+    try:
+        runs = run_members(campaign.members, output, jobs, voice)
+    except KeyboardInterrupt:
+        voice.problem(f"interrupted; to go on, repeat the command ({output} has what is done)")
+        return INTERRUPTED
+    if code := exit_code(runs):
+        voice.problem("claims and figures need all runs")
+        return code
+    results = Results(output)
+    found = claims(campaign, results)
+    for claim in found:
+        voice.say(told(claim))
+    voice.say(f"the page: {write_page(campaign, results, found, docs or output, voice)}")
+    return 0
+
+
+def told(claim: Claim) -> str:
+    """Return a claim, its measures and the verdict as text."""
+    lines = [f"\n{claim.number}. {claim.sentence} ({claim.figures})"]
+    for measure in claim.measures:
+        mark = "" if measure.holds else "  <- not so"
+        lines.append(f"   {measure.what}: {measure.shown} (asked: {measure.asked}){mark}")
+    return "\n".join([*lines, f"   {claim.verdict}"])
+
+
+def write_page(
+    campaign: Campaign, results: Results, found: Sequence[Claim], docs: Path, voice: Voice
+) -> Path:
+    """Draw the figures and write the page with its account; return the page."""
+    from wovenfab.paper.account import account_of
+    from wovenfab.paper.draw import draw_figures
+    from wovenfab.paper.page import page
+
+    origin = _origin(campaign, results)
+    widths: dict[int, float] = {}
+    for number, width in draw_figures(results, docs / "paper", origin):
+        voice.say(f"figure {number}")
+        widths[number] = width
+    account = account_of(campaign, results, found, widths, origin)
+    write_whole(docs / "paper" / "account.json", json.dumps(account, indent=1) + "\n")
+    write_whole(docs / "paper.md", page(account))
+    return docs / "paper.md"
+
+
+def _origin(campaign: Campaign, results: Results) -> Provenance:
+    """Return this command, and the commits that made the runs and the rest."""
+    here = this_process()
+    made = [of_summary(results.summary(member.name)) for member in campaign.members]
+    commits = (Provenance("", run.commit) for run in made if run)
+    return reduce(Provenance.then, [*commits, here])

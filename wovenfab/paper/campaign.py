@@ -1,0 +1,112 @@
+"""What is run for the paper's figures and claims, and where its results are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wovenfab.case import Case
+from wovenfab.paper.field import Field, field_at_largest
+from wovenfab.paper.loop import Loop, loops_of
+from wovenfab.record.history import read_history
+from wovenfab.record.summary import read_summary
+from wovenfab.study.members import Member, members_of
+from wovenfab.study.sweep_file import read_sweep_file
+
+#: Case files of the curves and fields of Figures 2 to 13.
+CASES = (
+    "velocity-1x2",
+    "velocity-1x3",
+    "velocity-1x4",
+    "frequency-1x3",
+    "soft-1x3",
+    "stiff-1x3",
+    "spin-velocity-1x3",
+    "spin-frequency-1x3",
+)
+#: Both programs with steeper friction laws, for the text after Figure 5.
+STEEP = "steep"
+
+
+@dataclass(frozen=True)
+class Steeper:
+    """Both programs with one slope of the friction law.
+
+    Attributes:
+        slope: As it is written in the sweep file.
+        velocity: Run at constant maximum velocity.
+        frequency: Run at constant frequency.
+    """
+
+    slope: str
+    velocity: str
+    frequency: str
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """All runs.
+
+    Attributes:
+        members: What is run.
+        steep: The runs with steeper friction laws, the steepest last.
+    """
+
+    members: tuple[Member, ...]
+    steep: tuple[Steeper, ...]
+
+    def case(self, run: str) -> Case:
+        """Return the case of a run."""
+        return next(member.case for member in self.members if member.name == run)
+
+
+def campaign_of(folder: Path, overrides: Sequence[str] = ()) -> Campaign:
+    """Return the campaign of the cases in a folder.
+
+    Args:
+        folder: configs/paper, or one with the same files.
+        overrides: Values that replace those of all cases.
+
+    Raises:
+        CaseError: A case is missing or not valid.
+    """
+    cases = members_of([folder / f"{name}.yaml" for name in CASES], overrides=overrides)
+    file = read_sweep_file(folder / f"{STEEP}.yaml")
+    steep = members_of(file.cases, file.variations, overrides)
+    pairs: dict[str, list[str]] = {}
+    for member in steep:
+        (slope,) = member.variation.values.values()
+        pairs.setdefault(str(slope), []).append(member.name)
+    return Campaign(
+        (*cases, *steep), tuple(Steeper(slope, *names) for slope, names in pairs.items())
+    )
+
+
+@dataclass(frozen=True)
+class Results:
+    """The results of a campaign.
+
+    Attributes:
+        directory: Where the sweep put them.
+    """
+
+    directory: Path
+
+    def history(self, run: str) -> Mapping[str, Any]:
+        """Return the columns of a run's history."""
+        return read_history(self.directory / run)
+
+    def summary(self, run: str) -> Mapping[str, Any]:
+        """Return the summary of a run."""
+        return read_summary(self.directory / run)
+
+    def loops(self, run: str) -> list[Loop]:
+        """Return the loop of each cycle."""
+        spans = [(cycle["start_s"], cycle["end_s"]) for cycle in self.summary(run)["cycles"]]
+        return loops_of(self.history(run), spans)
+
+    def field(self, run: str, name: str) -> Field:
+        """Return a field at the largest displacement."""
+        return field_at_largest(self.directory / run, name)

@@ -1,0 +1,105 @@
+"""The figures as pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from wovenfab.paper.campaign import Results
+from wovenfab.paper.figures import FIGURES, Panel, PaperFigure
+from wovenfab.paper.sheets import sheets
+from wovenfab.record.cycles import window
+from wovenfab.record.provenance import Provenance
+from wovenfab.report.curves import program
+from wovenfab.report.source import open_source
+from wovenfab.report.style import (
+    APART,
+    DASHES,
+    MILLIMETRE,
+    QUIET,
+    WIDTH,
+    Unit,
+    house_style,
+    readable,
+    save,
+    sequence,
+)
+
+Values = NDArray[np.float64]
+
+
+def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator[tuple[int, float]]:
+    """Draw all figures, one after the other.
+
+    Args:
+        results: The results of the campaign.
+        folder: Where the pictures go.
+        origin: What they tell of where they come from.
+
+    Yields:
+        Number and width (in) of each.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    for figure in FIGURES:
+        with house_style():
+            drawn = _DRAW[figure.kind](figure, results)
+            save(drawn, folder / figure.file, origin)
+        yield figure.number, float(drawn.get_figwidth())
+
+
+def _program(figure: PaperFigure, results: Results) -> Figure:
+    return program(open_source(results.directory / figure.panels[0].run))
+
+
+def _loops(figure: PaperFigure, results: Results) -> Figure:
+    """Return the figure: each run by itself on scales of its own, and all of them together."""
+    drawn = Figure(figsize=(WIDTH, 0.85 * WIDTH))
+    grid = drawn.add_gridspec(2, len(figure.panels), height_ratios=[2, 3])
+    for i, panel in enumerate(figure.panels):
+        _draw_cycles(drawn.add_subplot(grid[0, i]), results, panel)
+    axes = drawn.add_subplot(grid[1, :])
+    unit = _unit(results, [panel.run for panel in figure.panels])
+    for i, panel in enumerate(figure.panels):
+        style = {"color": APART[i], "linestyle": DASHES[i], "linewidth": 1.3}
+        axes.plot(*_path(results.history(panel.run), unit), label=panel.label, **style)
+    axes.legend(loc="upper left")
+    _finish(axes, unit)
+    return drawn
+
+
+def _draw_cycles(axes: Axes, results: Results, panel: Panel) -> None:
+    """Draw the loop of each cycle in a shade of its own."""
+    history, cycles = results.history(panel.run), results.summary(panel.run)["cycles"]
+    unit = _unit(results, [panel.run])
+    if panel.beside:
+        behind = _path(results.history(panel.beside), unit)
+        axes.plot(*behind, color=QUIET, linewidth=0.8, label=panel.beside_label)
+        axes.legend(loc="upper left")
+    for cycle, shade in zip(cycles, sequence(len(cycles)), strict=True):
+        part = window(history, cycle["start_s"], cycle["end_s"])
+        axes.plot(*_path(part, unit), color=shade, linewidth=1.2)
+    axes.set_title(panel.label)
+    _finish(axes, unit)
+
+
+def _unit(results: Results, runs: Sequence[str]) -> Unit:
+    """Return the unit of force that suits some runs."""
+    return readable("N", max(float(np.abs(results.history(run)["force_N"]).max()) for run in runs))
+
+
+def _path(history: Mapping[str, Values], unit: Unit) -> tuple[Values, Values]:
+    return history["displacement_m"] * MILLIMETRE.factor, history["force_N"] * unit.factor
+
+
+def _finish(axes: Axes, unit: Unit) -> None:
+    axes.axhline(0, color=QUIET, linewidth=0.7, zorder=1)
+    axes.set_xlabel(f"displacement ({MILLIMETRE.name})")
+    axes.set_ylabel(f"force ({unit.name})")
+
+
+_DRAW = {"program": _program, "loops": _loops, "sheets": sheets}

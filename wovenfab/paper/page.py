@@ -1,0 +1,115 @@
+"""The page of the paper's figures, written from the account of a campaign and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from wovenfab.paper.account import Account
+
+#: Pixels of the page for each inch of a picture, so that all sheets show at one scale.
+_PIXELS = 110
+_PAPER = (
+    "Ciallella, Scerrato, Spagnuolo, Giorgio, *A continuum model based on Rayleigh "
+    "dissipation functions to describe a Coulomb-type constitutive law for internal friction in "
+    "woven fabrics*, ZAMP 2022 ([doi](https://doi.org/10.1007/s00033-022-01845-2))"
+)
+
+#: How to read each kind of figure.
+_NOTES = {
+    "program": "Displacement and velocity of the moved edge.",
+    "loops": "Above each run by itself, its cycles from light to dark; below all together.",
+    "sheets": "True to scale, the same in Figures 8 to 13; family 1 black, family 2 blue, dashed "
+    "at rest; each colour bar is for the sheet beside it.",
+}
+
+
+def page(account: Account) -> str:
+    """Return the page in Markdown; pictures are in the folder ``paper`` beside it."""
+    return "\n".join([*_head(account), *_claims(account), *_figures(account)]) + "\n"
+
+
+def _head(account: Account) -> Iterator[str]:
+    yield "<!-- Written by `wovenfab paper`: change that, or the cases, not this page. -->"
+    yield "# The paper, figure by figure"
+    yield ""
+    yield f"{_PAPER}."
+    yield (
+        "The scan at hand lost the figures. Each is drawn here anew, from the model and the "
+        "parameters of the text and Table 1, beside what the paper says of it."
+    )
+    yield ""
+    yield (
+        f"**Chosen, not known:** {_choice(account['chosen'])}, and fibres at ±45°. So nothing here "
+        "reproduces a curve of the paper; it shows whether the model does what is said of it."
+    )
+    yield ""
+    yield (
+        f"Made by `{account['command']}` from commit `{account['commit']}`: "
+        f"{len(account['runs'])} runs, {_numerics(account)}. `make paper` makes the page anew."
+    )
+    yield ""
+
+
+def _claims(account: Account) -> Iterator[str]:
+    yield "## What is claimed, measured"
+    yield ""
+    yield (
+        "Nonlinearity is the rise of the middle of the largest loop over the second half of the "
+        "way, over that of the first half: 1 for a straight line. Thresholds are ours."
+    )
+    yield ""
+    for claim in account["claims"]:
+        yield f"{claim['number']}. {claim['sentence']} ({claim['figures']})"
+        for measure in claim["measures"]:
+            mark = "" if measure["holds"] else " ✗"
+            shown = f"**{measure['shown']}**{mark} (asked: {measure['asked']})"
+            yield f"   - {measure['what']}: {shown}"
+        yield ""
+        yield f"   *{claim['verdict']}*"
+    yield ""
+
+
+def _figures(account: Account) -> Iterator[str]:
+    for figure in account["figures"]:
+        yield f"## Figure {figure['number']}. {figure['title']}"
+        yield ""
+        width = round(_PIXELS * figure["width"])
+        name = f"Figure {figure['number']}"
+        yield f'<img src="paper/{figure["file"]}" width="{width}" alt="{name}">'
+        yield ""
+        yield f"*{_NOTES[figure['kind']]} Chosen: {_choice(account['chosen'])}.*"
+        yield ""
+        yield f"The paper: {figure['says'][0].lower()}{figure['says'][1:]}"
+        yield ""
+        yield from _table(figure["numbers"])
+        yield ""
+        cases = (account["runs"][run]["case"] for run in figure["runs"])
+        yield "Alone: " + ", ".join(f"`wovenfab run configs/paper/{case}`" for case in cases)
+        yield ""
+
+
+def _table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    heads, *others = rows
+    yield f"| {' | '.join(heads)} |"
+    yield "|---|" + "---:|" * (len(heads) - 1)
+    for row in others:
+        yield f"| {' | '.join(row)} |"
+
+
+def _choice(chosen: Mapping[str, Any]) -> str:
+    amplitudes = ", ".join(f"{1e3 * a:g}" for a in chosen["amplitudes_m"])
+    return (
+        f"amplitudes {amplitudes} mm for all ratios, maximum velocity "
+        f"{chosen['velocity_m_s']:g} m/s, frequency {chosen['frequency_Hz']:g} Hz"
+    )
+
+
+def _numerics(account: Account) -> str:
+    runs = list(account["runs"].values())
+    unknowns = [run["unknowns"] for run in runs]
+    return (
+        f"elements of degree {runs[0]['degree']} and {1e3 * runs[0]['mesh_size_m']:g} mm, "
+        f"{min(unknowns)} to {max(unknowns)} unknowns, "
+        f"{min(run['steps'] for run in runs)} to {max(run['steps'] for run in runs)} steps"
+    )

@@ -1,0 +1,131 @@
+"""Deformed sheets below each other, all figures to one scale of length."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from wovenfab.paper.campaign import Results
+from wovenfab.paper.figures import Panel, PaperFigure
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.report.extremes import largest
+from wovenfab.report.looks import Scale, scale_of
+from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
+from wovenfab.report.source import open_source
+from wovenfab.report.style import INK, MILLIMETRE
+
+#: Length on paper (in) of a metre of sheet: the longest one fills the width of a page.
+_SCALE = 4.6
+#: Distance of the yarns that are drawn (m).
+_SPACING = 0.04
+#: Room (in) around a sheet: left, right for the colour bar, below, above for the title.
+_LEFT, _RIGHT, _BELOW, _ABOVE = 0.08, 0.85, 0.08, 0.26
+#: Length of the bar that tells the scale (mm).
+_BAR = 100
+
+
+@dataclass(frozen=True)
+class _Picture:
+    panel: Panel
+    sheet: Sheet
+    values: NDArray[np.float64]
+    unit: str
+    when: str
+
+
+def sheets(figure: PaperFigure, results: Results) -> Figure:
+    """Return the figure: the sheet of each panel at its largest displacement."""
+    pictures = [_picture(results, panel) for panel in figure.panels]
+    extents = [_extent(picture.sheet) for picture in pictures]
+    wide = max(_SCALE * (high - low)[0] for low, high in extents)
+    highs = [_SCALE * (high - low)[1] for low, high in extents]
+    width = _LEFT + wide + _RIGHT
+    height = sum(highs) + len(pictures) * (_BELOW + _ABOVE)
+    drawn = Figure(figsize=(width, height))
+    drawn.set_layout_engine("none")  # every inch is placed here
+    top = height
+    for picture, (low, high), tall in zip(pictures, extents, highs, strict=True):
+        bottom = top - _ABOVE - tall
+        own = _SCALE * (high - low)[0]
+        axes = drawn.add_axes((_LEFT / width, bottom / height, own / width, tall / height))
+        scale = _scale(picture, pictures, figure.one_scale)
+        _draw(axes, picture, scale, (low, high))
+        bar = drawn.add_axes(
+            (
+                (_LEFT + own + 0.12) / width,
+                (bottom + 0.05 * tall) / height,
+                0.09 / width,
+                0.9 * tall / height,
+            )
+        )
+        drawn.colorbar(axes.collections[0], cax=bar, label=_short(scale.label), extend=scale.extend)
+        top = bottom - _BELOW
+    _draw_bar(drawn.axes[0])
+    return drawn
+
+
+def _picture(results: Results, panel: Panel) -> _Picture:
+    source = open_source(results.directory / panel.run)
+    stored = read_fields(source.directory)
+    when = largest(source, stored)
+    return _Picture(
+        panel,
+        sheet_at(source, stored, when.index),
+        stored.field(panel.field, when.index),
+        stored.units[panel.field],
+        when.words,
+    )
+
+
+def _scale(picture: _Picture, pictures: Sequence[_Picture], one_scale: bool) -> Scale:
+    """Return the scale of a picture, in the unit of all; its colours may be its own."""
+    name, unit = picture.panel.field, picture.unit
+    together = scale_of(name, unit, [p.values for p in pictures])
+    if one_scale:
+        return together
+    own = scale_of(name, unit, [picture.values])
+    first, last = (
+        v * together.factor / own.factor for v in (own.norm.vmin or 0.0, own.norm.vmax or 1.0)
+    )
+    return replace(own, label=together.label, factor=together.factor, norm=Normalize(first, last))
+
+
+def _extent(sheet: Sheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and the highest coordinates (m) of the sheet at rest and moved."""
+    places = np.concatenate([sheet.mesh.points, sheet.mesh.points + sheet.mean])
+    return places.min(axis=0) - 0.005, places.max(axis=0) + 0.005
+
+
+def _draw(
+    axes: Axes,
+    picture: _Picture,
+    scale: Scale,
+    extent: tuple[NDArray[np.float64], NDArray[np.float64]],
+) -> None:
+    sheet = picture.sheet
+    paint(axes, sheet, scale(picture.values), scale.ramp, scale.norm)
+    draw_outline(axes, sheet, 0.6)
+    along = float(np.ptp(sheet.mesh.points, axis=0).max()) / _SPACING
+    draw_yarns(axes, sheet, along, 0.45)
+    (left, low), (right, high) = (corner * MILLIMETRE.factor for corner in extent)
+    axes.set(xlim=(left, right), ylim=(low, high))
+    axes.set_axis_off()
+    axes.set_title(f"{picture.panel.label}, {picture.when}", pad=5)
+
+
+def _draw_bar(axes: Axes) -> None:
+    """Draw the bar that tells the scale of length, above the sheet on the right."""
+    right, high = axes.get_xlim()[1], axes.get_ylim()[1]
+    axes.plot([right - _BAR, right], [high + 22] * 2, color=INK, linewidth=1.2, clip_on=False)
+    axes.text(right - _BAR / 2, high + 28, f"{_BAR} mm", ha="center", fontsize=7.5)
+
+
+def _short(label: str) -> str:
+    """Return symbol and unit of a field's label."""
+    return label.rpartition(" (")[0].split()[-1] + " " + label[label.rindex("(") :]
