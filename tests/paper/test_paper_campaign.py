@@ -48,7 +48,7 @@ def found(first: tuple[Path, str]) -> list[Claim]:
     return claims(campaign_of(PAPER, COARSE), Results(first[0]))
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
 def test_the_claims_hold_on_a_coarse_mesh_already(number: int, found: list[Claim]) -> None:
     claim = found[number - 1]
     assert claim.number == number
@@ -56,6 +56,10 @@ def test_the_claims_hold_on_a_coarse_mesh_already(number: int, found: list[Claim
 
 
 def test_the_claims_that_need_a_fine_mesh_have_plausible_measures(found: list[Claim]) -> None:
+    ratios, sizes, stiffnesses, stiffer = found[4].measures
+    assert min(ratios.values + stiffnesses.values) > 0.6
+    assert sizes.holds
+    assert stiffer.holds
     *shares, bending = (measure.values[0] for measure in found[5].measures)
     assert all(0.2 < share < 0.8 for share in shares)
     assert bending > 0.5

@@ -163,7 +163,7 @@ def _curvature(results: Results) -> Claim:
         "The yarns bend in regions that are comparable with the sample, so that the energy of "
         "bending is not negligible.",
         (*measures, above("part of bending in the stored energy, 1:3", stored, 0.1, "%")),
-        _CHOICE,
+        "A coarse mesh smears the curvature; on a fine one it is the amplitude that decides.",
     )
 
 
