@@ -145,7 +145,7 @@ class March:
                 self._pace.made(length, outcome.iterations)
                 loss = self._stability.passed()
                 if loss is not None:
-                    self._pace.resume()
+                    self._pace.found(length)
                 jump = loss is not None
                 yield self._record(outcome, end if until == end.time else None, loss)
                 self._cutbacks = 0

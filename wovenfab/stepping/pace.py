@@ -7,7 +7,7 @@ from math import ceil, inf
 #: Share of its length that is left of a step that failed, and growth after easy ones.
 CUT, GROWTH = 0.5, 2.0
 #: Newton iterations up to which a step was easy, and harder ones in a row that do as well.
-EASY, ENOUGH = 3, 2
+EASY, ENOUGH = 3, 5
 #: Round-off of a number of steps.
 SLACK = 1e-9
 
@@ -33,8 +33,8 @@ class Pace:
 
     def next(self, now: float, end: float) -> float:
         """Return the time (s) to step to from ``now``, on the way to the planned ``end``."""
-        if self._sought <= now:
-            self.resume()
+        if -inf < self._sought <= now:
+            self.found(self._before)
         left = end - now
         number = max(1, ceil(left / self._length - SLACK))
         return end if number == 1 else now + left / number
@@ -69,7 +69,6 @@ class Pace:
         """Try twice a ``length`` (s) next."""
         self._length = GROWTH * length
 
-    def resume(self) -> None:
-        """Go on as before what was looked for."""
-        if self._sought > -inf:
-            self._length, self._sought = self._before, -inf
+    def found(self, length: float) -> None:
+        """Grow again from a ``length`` (s), for what was looked for has been passed."""
+        self._length, self._sought, self._row = length, -inf, 0
