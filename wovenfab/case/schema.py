@@ -113,7 +113,8 @@ class Discretisation(Section):
 
     corner_size: Size | None = Field(default=None, examples=["2 mm"])
     """Size of the cells at the ends of clamps and at re-entrant corners, for a mesh along the
-    fibres or an unstructured rectangle."""
+    fibres or an unstructured rectangle. Along the fibres one placement is graded unless told
+    otherwise, there and along free edges; the mesh size given here makes it uniform."""
 
     penalty: Annotated[float | Literal["auto"], Quantity(above=0, words=("auto",))] = "auto"
     """Interior penalty sigma of the second-gradient terms."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import sqrt
+from math import ceil, log, sqrt
 
 import basix.ufl
 import numpy as np
+import shapely
 import ufl
 from dolfinx.mesh import (
     Mesh,
@@ -15,7 +16,6 @@ from dolfinx.mesh import (
     create_mesh,
     exterior_facet_indices,
     meshtags,
-    refine,
 )
 from mpi4py import MPI
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from wovenfab.parallel import from_root
 from wovenfab.sheet.fibre_lines import special_lines
 from wovenfab.sheet.fibre_mesh import fibre_mesh
 from wovenfab.sheet.fibre_spacing import spaced
+from wovenfab.sheet.grading import RATIO, shrunk
 from wovenfab.sheet.outline import CORNER, Outline, changes
 from wovenfab.sheet.sheet import Sheet
 
@@ -33,6 +34,9 @@ Array = NDArray[np.float64]
 Holds = Mapping[str, object]
 #: A facet lies on an edge that its middle is this close to, as a share of the extent.
 ON_EDGE = 1e-8
+#: Layers of a graded mesh around singular points and along free edges, unless told otherwise:
+#: with them neither dominates the error for cells between a half and an eighth of the width.
+LAYERS = (4, 2)
 #: Points and cells of a mesh on the ranks that get theirs from another.
 NOTHING: tuple[Array, NDArray[np.int64]] = np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)
 
@@ -45,6 +49,7 @@ def aligned_sheet(
     mesh_size: float,
     corner_size: float | None = None,
     jumps: bool = True,
+    steep: bool = False,
 ) -> Sheet:
     """Return a sheet with a mesh along its fibres; collective.
 
@@ -54,18 +59,20 @@ def aligned_sheet(
         fibres: Unit vectors along the fibres, shape (2, 2).
         holds: For each family, how edges hold it; special fibres start where that changes.
         mesh_size: Longest side of the cells, about, m.
-        corner_size: The same at corners where the strain is singular, m; None for no
-            refinement there.
+        corner_size: The same at corners where the strain is singular, m; the mesh size for
+            no refinement.
         jumps: Whether placements may jump across special fibres.
+        steep: Whether the mesh is graded where no ``corner_size`` is given: one placement
+            is steep at corners and free edges, two slide there instead.
     """
     lines = [special_lines(outline, fibres[a], holds[a]) for a in (0, 1)]
 
     def build() -> tuple[Array, NDArray[np.int64]]:
         offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), mesh_size / sqrt(2))
         points, cells = fibre_mesh(outline, fibres, offsets)
-        if corner_size is None:
+        if corner_size is None and not steep:
             return points, cells
-        return refined(points, cells, singular_points(outline, holds), mesh_size, corner_size)
+        return graded(points, cells, outline, holds, levels_of(mesh_size, corner_size))
 
     points, cells = from_root(comm, build, NOTHING)
     mesh = _mesh(comm, points, cells)
@@ -88,23 +95,48 @@ def singular_points(outline: Outline, holds: tuple[Holds, Holds]) -> Array:
     return np.concatenate(found)
 
 
-def refined(
-    points: Array, cells: NDArray[np.int64], near: Array, mesh_size: float, corner_size: float
+def graded(
+    points: Array,
+    cells: NDArray[np.int64],
+    outline: Outline,
+    holds: tuple[Holds, Holds],
+    levels: tuple[int, int],
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return a mesh whose cells shrink towards some points, by halving again and again."""
-    mesh = _mesh(MPI.COMM_SELF, points, cells)
-    radius = mesh_size
-    while radius > corner_size * (1 + 1e-9):
-        corners = mesh.geometry.x[mesh.geometry.dofmap][:, :, None, :2]
-        away = np.linalg.norm(corners - near, axis=-1).min(axis=(1, 2))
-        mesh.topology.create_entities(1)
-        mesh.topology.create_connectivity(1, 2)
-        mesh.topology.create_connectivity(2, 1)
-        sides = mesh.topology.connectivity(2, 1)
-        marked = [sides.links(cell) for cell in np.flatnonzero(away < radius)]
-        mesh = refine(mesh, np.unique(np.concatenate(marked)).astype(np.int32))[0]
-        radius /= 2
-    return mesh.geometry.x[:, :2].copy(), mesh.geometry.dofmap.astype(np.int64)
+    """Return a mesh that shrinks towards singular points and edges that hold nothing.
+
+    At a free edge the stretch of the yarns falls to what the edge allows within a layer of
+    the order of a millimetre, (bending over stretching stiffness)^(1/2).
+
+    Args:
+        points: Vertices, shape (n, 2), m.
+        cells: Corners of the triangles, shape (m, 3).
+        outline: The sheet.
+        holds: For each family, how edges hold it.
+        levels: Layers around the points and along the edges.
+    """
+    reach = ON_EDGE * outline.extent
+    near = shapely.MultiPoint(singular_points(outline, holds))
+    free = shapely.MultiLineString(
+        [(a, b) for a, b, name in outline.segments() if not any(name in h for h in holds)]
+    )
+    for towards, count in zip((near, free), levels, strict=True):
+        for _ in range(0 if towards.is_empty else count):
+            on = shapely.distance(shapely.points(points), towards) < reach
+            points, cells = shrunk(points, cells, on)
+    return points, cells
+
+
+def levels_of(mesh_size: float, corner_size: float | None) -> tuple[int, int]:
+    """Return the layers around singular points and along free edges.
+
+    Args:
+        mesh_size: Size of the cells elsewhere, m.
+        corner_size: Size at singular points, m; None for what suits one placement.
+    """
+    if corner_size is None:
+        return LAYERS
+    count = max(0, ceil(log(corner_size / mesh_size) / log(RATIO) - 1e-9))
+    return count, min(count, LAYERS[1])
 
 
 def name_facets(mesh: Mesh, outline: Outline) -> tuple[MeshTags, dict[str, int]]:

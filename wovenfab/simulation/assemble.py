@@ -103,6 +103,7 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         size,
         corner_size=d.corner_size,
         jumps=d.jumps is not False,
+        steep=case.needs.placements == 1,
     )
 
 
