@@ -119,10 +119,12 @@ def graded(
     free = shapely.MultiLineString(
         [(a, b) for a, b, name in outline.segments() if not any(name in h for h in holds)]
     )
-    for towards, count in zip((near, free), levels, strict=True):
-        for _ in range(0 if towards.is_empty else count):
+    longest = float(np.linalg.norm(points[cells] - points[np.roll(cells, 1, 1)], axis=2).max())
+    # Layers along edges leave cells whole that points have made smaller than the layer.
+    for towards, count, least in ((near, levels[0], 0.0), (free, levels[1], longest / 2)):
+        for level in range(0 if towards.is_empty else count):
             on = shapely.distance(shapely.points(points), towards) < reach
-            points, cells = shrunk(points, cells, on)
+            points, cells = shrunk(points, cells, on, least * RATIO**level)
     return points, cells
 
 

@@ -19,22 +19,28 @@ Triangles = NDArray[np.int64]
 RATIO = 0.25
 
 
-def shrunk(points: Array, cells: Triangles, on: NDArray[np.bool_]) -> tuple[Array, Triangles]:
+def shrunk(
+    points: Array, cells: Triangles, on: NDArray[np.bool_], least: float = 0.0
+) -> tuple[Array, Triangles]:
     """Return a mesh with one more layer of cells around some vertices.
 
     Args:
-        points: Vertices, shape (n, 2).
+        points: Vertices, shape (n, 2), m.
         cells: Corners of the triangles, counter-clockwise, shape (m, 3).
         on: Which vertices, shape (n,).
+        least: Sides that are shorter stay whole, m.
     """
     places = list(points)
     cuts: dict[tuple[int, int], int] = {}
 
-    def cut(inner: int, outer: int) -> int:
-        """Return the number of the new vertex on a side from the set outwards."""
+    def cut(inner: int, outer: int) -> int | None:
+        """Return the number of the new vertex on a side from the set outwards, if any."""
         if (inner, outer) not in cuts:
+            side = points[outer] - points[inner]
+            if np.linalg.norm(side) < least:
+                return None
             cuts[inner, outer] = len(places)
-            places.append(points[inner] + RATIO * (points[outer] - points[inner]))
+            places.append(points[inner] + RATIO * side)
         return cuts[inner, outer]
 
     found: list[tuple[int, int, int]] = []
@@ -47,7 +53,14 @@ def shrunk(points: Array, cells: Triangles, on: NDArray[np.bool_]) -> tuple[Arra
         # Turned so that the vertex that stands alone comes first.
         a, b, c = np.roll(cell, -int(np.argmax(inside if count == 1 else ~inside)))
         p, q = (cut(a, b), cut(a, c)) if count == 1 else (cut(b, a), cut(c, a))
-        found += [(a, p, q), *_halved((p, b, c, q), places)]
+        if p is not None and q is not None:
+            found += [(a, p, q), *_halved((p, b, c, q), places)]
+        elif p is not None:
+            found += [(a, p, c), (p, b, c)]
+        elif q is not None:
+            found += [(a, b, q), (q, b, c)]
+        else:
+            found.append((a, b, c))
     return np.array(places), np.array(found, dtype=np.int64)
 
 
