@@ -1,7 +1,7 @@
 #!/bin/sh
-# Proves that ParaView opens the fields of a run in all three of its XDMF readers.
+# Proves that ParaView opens fields and yarns of a run in all three of its XDMF readers.
 # usage: tests/paraview/run.sh [DIR]
-# DIR is a results directory; without it a made-up run is written and taken.
+# DIR is a results directory after wovenfab report; without it a made-up run is taken.
 set -eu
 
 project=$(cd "$(dirname "$0")/../.." && pwd -P)
@@ -12,6 +12,7 @@ else
   trap 'rm -r "$folder"' EXIT
   directory=$folder/results
   "$project/env/enter" python3 "$project/tests/report/sample.py" "$directory"
+  "$project/env/enter" wovenfab report "$directory"
 fi
 WOVENFAB_PACKAGES=$project/tests/paraview/packages.txt \
   "$project/env/enter" pvpython "$project/tests/paraview/check.py" "$directory"

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from wovenfab.record.lattice import Lattice
-from wovenfab.report.yarns import Triangles, material_lines, outline
+from wovenfab.report.yarns import Triangles, lay_yarns, material_lines, outline
 
 RISING = np.array([1.0, 1.0]) / np.sqrt(2)
 
@@ -75,3 +75,22 @@ def test_the_outline_is_the_edge_and_the_holes_only(hole: bool, lengths: list[fl
     np.testing.assert_allclose(sorted(length(line) for line in outline(mesh)), lengths, rtol=1e-6)
     stretched = outline(mesh, mesh.points)
     np.testing.assert_allclose(sum(map(length, stretched)), 2 * sum(lengths), rtol=1e-6)
+
+
+def test_a_field_on_yarns_is_interpolated_along_the_sides_of_triangles() -> None:
+    mesh = sheet(hole=True)
+    yarns = lay_yarns(mesh, RISING, 0.37)
+    places = yarns.on(mesh.points)
+    np.testing.assert_allclose(
+        yarns.on(2 + mesh.points @ [3, -1]), 2 + places @ [3, -1], atol=1e-12
+    )
+    assert len(yarns.pieces(places)) == len(yarns.levels)
+    assert (yarns.share >= 0).all() and (yarns.share <= 1).all()
+
+
+def test_a_yarn_that_runs_along_sides_of_triangles_is_there_once() -> None:
+    mesh = sheet()
+    spacing = 0.5 / (0.5 + 1e-4)  # a yarn at y = 2, where squares meet
+    lines = material_lines(mesh, np.array([1.0, 0.0]), np.zeros_like(mesh.points), spacing)
+    assert [length(line) for line in lines] == pytest.approx([3.0] * len(lines))
+    assert any(abs(line[:, 1] - 2).max() < 1e-9 for line in lines)

@@ -203,9 +203,12 @@ def report(
             help="Page of several runs; comparison.html in the folder that holds them all.",
         ),
     ] = None,
+    animation: Annotated[
+        bool, typer.Option("--animation", help="One cycle in motion, too: animation.gif.")
+    ] = False,
 ) -> None:
-    """Draw pictures and report.html of a run from its files alone; or compare several runs."""
-    sys.exit(report_command.report_results(directories, output))
+    """Report a run from its files alone, or compare several: pages, pictures, yarns."""
+    sys.exit(report_command.report_results(directories, output, animation))
 
 
 @app.command()

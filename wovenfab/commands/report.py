@@ -11,31 +11,37 @@ from wovenfab.commands.voice import BAD_INPUT, Voice
 NOT_DRAWN = 1
 
 
-def report_results(directories: Sequence[Path], output: Path | None) -> int:
+def report_results(
+    directories: Sequence[Path], output: Path | None, animation: bool = False
+) -> int:
     """Report one run in its directory, or several on one page; return the exit code.
 
     Args:
         directories: The results directories.
         output: The page of several runs, if not in the folder that holds them.
+        animation: Whether to draw one cycle in motion, too.
     """
     voice = Voice()
     for directory in directories:
         if not (directory / "history.csv").is_file():
             voice.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
             return BAD_INPUT
+    if animation and len(directories) > 1:
+        voice.problem("--animation shows one run: name one directory")
+        return BAD_INPUT
     if len(directories) > 1:
         return _compare(voice, directories, output)
     if output is not None:
         voice.problem("-o names the page of several runs; that of one is in its own directory")
         return BAD_INPUT
-    return _report(voice, directories[0])
+    return _report(voice, directories[0], animation)
 
 
-def _report(voice: Voice, directory: Path) -> int:
-    from wovenfab.report.pictures import MAKERS, ReportError, draw
+def _report(voice: Voice, directory: Path, animation: bool) -> int:
+    from wovenfab.report.pictures import REPORT, ReportError, draw
 
     try:
-        drawn, problem = draw(directory, tuple(MAKERS)), None
+        drawn, problem = draw(directory, (*REPORT, *(["animation"] if animation else []))), None
     except ReportError as error:
         drawn, problem = error.drawn, str(error)
     for path in drawn:

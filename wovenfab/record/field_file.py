@@ -1,8 +1,9 @@
-"""``fields.h5`` and ``fields.xdmf`` as one process writes them, complete after every step."""
+"""A series in HDF5 and XDMF as one process writes it, complete after every step."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.record.results import write_whole
-from wovenfab.record.xdmf import Frame, xdmf
+from wovenfab.record.xdmf import Frame, Layout, xdmf
 
 #: Name of the files, without suffix, of the fields of a run and of modes.
 FIELDS, MODE = "fields", "mode"
@@ -21,37 +22,73 @@ DATA = f"{FIELDS}.h5"
 UNLOCKED: dict[str, Any] = {"locking": False}
 #: The padding with zeros and the smooth fields shrink at little cost.
 _PACK: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
+#: XDMF's number of a polyline among other cells.
+_POLYLINE = 2
+
+
+@dataclass(frozen=True)
+class Cells:
+    """How points are joined.
+
+    Attributes:
+        kind: XDMF's name.
+        name: Name of the data set.
+        count: Number of cells.
+        connectivity: Points of the cells as XDMF has them.
+    """
+
+    kind: str
+    name: str
+    count: int
+    connectivity: NDArray[np.int64]
+
+
+def triangles(corners: NDArray[np.int64]) -> Cells:
+    """Return triangles, given by their points, shape (m, 3)."""
+    return Cells("Triangle", "triangles", len(corners), corners)
+
+
+def polylines(sizes: Sequence[int]) -> Cells:
+    """Return polylines through consecutive points, so many each."""
+    starts = np.cumsum([0, *sizes])
+    parts = [[_POLYLINE, n, *range(s, s + n)] for s, n in zip(starts[:-1], sizes, strict=True)]
+    return Cells("Mixed", "lines", len(parts), np.concatenate([[], *parts]).astype(np.int64))
 
 
 class FieldFile:
-    """A mesh and fields on its points over time; the files are closed between the writes."""
+    """Cells and fields on their points over time; the files are closed between the writes."""
 
     def __init__(
         self,
         directory: Path,
+        name: str,
+        cells: Cells,
         points: NDArray[np.float64],
-        triangles: NDArray[np.int64],
         units: Mapping[str, str],
-        name: str = FIELDS,
+        moving: bool = False,
     ) -> None:
         """Write the mesh.
 
         Args:
             directory: The results directory.
-            points: Points (m), shape (n, 2).
-            triangles: Points of each triangle, shape (m, 3).
+            name: Name of the two files, without suffix.
+            cells: How the points are joined.
+            points: Points at rest (m), shape (n, 2).
             units: Name and SI unit of each field.
-            name: Name of the files without suffix.
+            moving: Whether each time has points of its own, by the name ``points``.
         """
-        self._data, self._xdmf = directory / f"{name}.h5", directory / f"{name}.xdmf"
-        self._points, self._triangles = len(points), len(triangles)
+        self._path = directory / name
+        connectivity = (f"/mesh/{cells.name}", cells.connectivity.shape)
+        self._layout = Layout(
+            f"{name}.h5", cells.kind, cells.count, connectivity, len(points), moving
+        )
         self._units = dict(units)
         self._vectors: dict[str, bool] = {}
         self._frames: list[Frame] = []
-        with h5py.File(self._data, "w", **UNLOCKED) as file:
+        with h5py.File(self._path.with_suffix(".h5"), "w", **UNLOCKED) as file:
             mesh = file.create_group("mesh")
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
-            mesh.create_dataset("triangles", data=triangles, **_PACK)
+            mesh.create_dataset(cells.name, data=cells.connectivity, **_PACK)
             file.create_group("steps")
 
     def add(self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]) -> None:
@@ -60,7 +97,8 @@ class FieldFile:
         Args:
             step: Number of the step.
             time: Time (s), later than the last one.
-            fields: Every field on the points, shape (n,) or (n, 2).
+            fields: Every field on the points, shape (n,) or (n, 2); where they move, the
+                points among them.
 
         Raises:
             ValueError: The time does not grow, or a field changed its shape.
@@ -70,10 +108,10 @@ class FieldFile:
             raise ValueError(f"time {time} s comes after {self._frames[-1].time} s in the fields")
         vectors = {name: values.ndim == 2 for name, values in fields.items()}
         same = not self._frames or vectors == self._vectors
-        if not same or any(len(values) != self._points for values in fields.values()):
+        if not same or any(len(values) != self._layout.points for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
         frame = Frame(time, f"/steps/{step:06d}")
-        with h5py.File(self._data, "r+", **UNLOCKED) as file:
+        with h5py.File(self._path.with_suffix(".h5"), "r+", **UNLOCKED) as file:
             group = file.create_group(frame.group)
             for name, values in fields.items():
                 data = _padded(values) if vectors[name] else values
@@ -81,8 +119,8 @@ class FieldFile:
             group.attrs.update(step=step, time=time)  # last: marks the step as complete
         self._vectors = vectors
         self._frames.append(frame)
-        text = xdmf(self._data.name, self._points, self._triangles, vectors, self._frames)
-        write_whole(self._xdmf, text)
+        shown = {name: vector for name, vector in vectors.items() if name != "points"}
+        write_whole(self._path.with_suffix(".xdmf"), xdmf(self._layout, shown, self._frames))
 
 
 def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:

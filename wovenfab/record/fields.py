@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import agree, on_root
+from wovenfab.record import field_file
 from wovenfab.record.blocks import Blocks
-from wovenfab.record.field_file import FIELDS, FieldFile
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -32,7 +32,7 @@ class FieldSeries:
         triangles: NDArray[Any],
         cells: NDArray[Any],
         units: Mapping[str, str],
-        name: str = FIELDS,
+        name: str = field_file.FIELDS,
     ) -> None:
         """Write the mesh; collective.
 
@@ -69,9 +69,8 @@ class FieldSeries:
             blocks = max(self._blocks.total, 1)
             first = np.arange(blocks) * (len(all_points) // blocks)
             shift = np.repeat(first, len(all_inside) // blocks)
-            self._file = FieldFile(
-                Path(directory), all_points, all_inside + shift[:, None], self._units, name
-            )
+            cells = field_file.triangles(all_inside + shift[:, None])
+            self._file = field_file.FieldFile(Path(directory), name, cells, all_points, self._units)
 
         on_root(comm, start)
 

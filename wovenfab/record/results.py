@@ -33,6 +33,10 @@ FILES = (
     "mode.png",
     "report.html",
     FINGERPRINT,
+    "yarns.h5",
+    "yarns.xdmf",
+    "open_in_paraview.py",
+    "animation.gif",
 )
 
 

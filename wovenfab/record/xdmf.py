@@ -15,19 +15,37 @@ class Frame:
     group: str
 
 
-def xdmf(
-    data: str, points: int, triangles: int, vectors: Mapping[str, bool], frames: Sequence[Frame]
-) -> str:
-    """Return the XDMF of a series on one mesh.
+@dataclass(frozen=True)
+class Layout:
+    """What the HDF5 file of a series holds.
+
+    Attributes:
+        data: Name of the HDF5 file.
+        kind: ``Triangle``, or ``Mixed`` where each cell begins with its kind and size.
+        cells: Number of cells.
+        connectivity: Data set of the cells' points, and its shape.
+        points: Number of points.
+        moving: Whether each frame has points of its own beside its fields; if not, all
+            share ``/mesh/points``.
+    """
+
+    data: str
+    kind: str
+    cells: int
+    connectivity: tuple[str, tuple[int, ...]]
+    points: int
+    moving: bool
+
+
+def xdmf(layout: Layout, vectors: Mapping[str, bool], frames: Sequence[Frame]) -> str:
+    """Return the XDMF of a series.
 
     Each frame names topology, geometry and all attributes itself, without references:
     ParaView's first reader crashes on the form with ``xi:include``, and the other two split
     the fields over blocks when each has a collection of its own.
 
     Args:
-        data: Name of the HDF5 file, which has ``/mesh/points`` and ``/mesh/triangles``.
-        points: Number of points.
-        triangles: Number of triangles.
+        layout: What is in the HDF5 file.
         vectors: For each field whether it is a vector (three components) or a scalar.
         frames: The times, ascending.
     """
@@ -40,18 +58,20 @@ def xdmf(
         grid = ET.SubElement(series, "Grid", Name="sheet", GridType="Uniform")
         ET.SubElement(grid, "Time", Value=repr(frame.time))
         topology = ET.SubElement(
-            grid, "Topology", TopologyType="Triangle", NumberOfElements=str(triangles)
+            grid, "Topology", TopologyType=layout.kind, NumberOfElements=str(layout.cells)
         )
-        _item(topology, f"{data}:/mesh/triangles", (triangles, 3), "Int")
+        where, shape = layout.connectivity
+        _item(topology, f"{layout.data}:{where}", shape, "Int")
         geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
-        _item(geometry, f"{data}:/mesh/points", (points, 3), "Float")
+        place = frame.group if layout.moving else "/mesh"
+        _item(geometry, f"{layout.data}:{place}/points", (layout.points, 3), "Float")
         for name, vector in vectors.items():
             kind = "Vector" if vector else "Scalar"
             attribute = ET.SubElement(
                 grid, "Attribute", Name=name, AttributeType=kind, Center="Node"
             )
-            shape = (points, 3) if vector else (points,)
-            _item(attribute, f"{data}:{frame.group}/{name}", shape, "Float")
+            size = (layout.points, 3) if vector else (layout.points,)
+            _item(attribute, f"{layout.data}:{frame.group}/{name}", size, "Float")
     ET.indent(root)
     return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 

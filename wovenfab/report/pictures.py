@@ -6,12 +6,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from wovenfab.record.field_file import DATA, MODE
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.stored_fields import StoredFields, read_fields
+from wovenfab.report.animation import ANIMATION, animate
 from wovenfab.report.deformed import deformed
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import mode
 from wovenfab.report.source import open_source, origin_of
 from wovenfab.report.style import house_style, save
+from wovenfab.report.viewer import write_viewer
+from wovenfab.report.yarn_series import write_yarns
 
 
 class ReportError(Exception):
@@ -33,10 +36,8 @@ def _loop(folder: Path) -> list[Path]:
 
 
 def _deformed(folder: Path) -> list[Path]:
-    if not (folder / DATA).exists():  # a run may write no fields
-        return []
-    stored = read_fields(folder)
-    if not len(stored.times):
+    stored = _stored(folder)
+    if stored is None:
         return []
     figure = deformed(open_source(folder), stored)
     return [save(figure, folder / "deformed.png", origin_of(folder))]
@@ -58,15 +59,39 @@ def _page(folder: Path) -> list[Path]:
     return [write_run_page(folder)]
 
 
+def _yarns(folder: Path) -> list[Path]:
+    source, stored = open_source(folder), _stored(folder)
+    if stored is None or source.fibres is None:
+        return []
+    return [*write_yarns(source, stored), write_viewer(folder)]
+
+
+def _animation(folder: Path) -> list[Path]:
+    stored = _stored(folder)
+    if stored is None:
+        raise ValueError("the run wrote no fields")
+    return [animate(open_source(folder), stored, folder / ANIMATION, origin_of(folder))]
+
+
+def _stored(folder: Path) -> StoredFields | None:
+    """Return the fields of a run; None if it wrote none."""
+    stored = read_fields(folder) if (folder / DATA).exists() else None
+    return stored if stored is not None and len(stored.times) else None
+
+
 #: What can be drawn of a run, each from its directory.
 MAKERS: dict[str, Callable[[Path], list[Path]]] = {
     "picture of loop": _loop,
     "picture of deformed": _deformed,
     "picture of mode": _mode,
     "page": _page,
+    "yarns for ParaView": _yarns,
+    "animation": _animation,
 }
 #: What a run draws at its end.
 PICTURES = ("picture of loop", "picture of deformed", "picture of mode")
+#: What a report draws.
+REPORT = (*PICTURES, "page", "yarns for ParaView")
 
 
 def draw(directory: str | Path, wanted: Sequence[str] = PICTURES) -> list[Path]:

@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 import pyvista as pv
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
+Values = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 Polyline = NDArray[np.float64]
+#: Sides of a triangle, as the numbers of their ends.
+_SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
 
 @dataclass(frozen=True)
@@ -22,8 +24,8 @@ class Triangles:
         triangles: Points of each triangle, shape (m, 3).
     """
 
-    points: NDArray[np.float64]
-    triangles: NDArray[np.int64]
+    points: Values
+    triangles: Numbers
 
     def surface(self) -> pv.PolyData:
         """Return the mesh as VTK has it."""
@@ -32,15 +34,102 @@ class Triangles:
         return pv.PolyData(space, faces.ravel())
 
 
+@dataclass(frozen=True)
+class Yarns:
+    """Yarns of one family as they lie on the mesh at rest, whatever happens to it.
+
+    A point of a yarn lies on the side of a triangle, so that a field there follows from its
+    values at both ends.
+
+    Attributes:
+        ends: Numbers of both ends in the mesh, shape (points, 2).
+        share: How far each point is from the first to the second, shape (points,).
+        starts: Number of the first point of each piece of yarn, ascending from 0.
+        levels: Which yarn each piece belongs to, counted across the sheet.
+    """
+
+    ends: Numbers
+    share: Values
+    starts: Numbers
+    levels: Numbers
+
+    def on(self, field: Values) -> Values:
+        """Return a field of the mesh, shape (n,) or (n, 2), at the points of the yarns."""
+        share = self.share.reshape(-1, *[1] * (field.ndim - 1))
+        first, second = field[self.ends[:, 0]], field[self.ends[:, 1]]
+        found: Values = (1 - share) * first + share * second
+        return found
+
+    def pieces(self, values: Values) -> list[Polyline]:
+        """Return values at the points of the yarns, piece by piece."""
+        return np.split(values, self.starts[1:]) if len(values) else []
+
+
+def lay_yarns(mesh: Triangles, direction: Values, spacing: float) -> Yarns:
+    """Return equidistant yarns of a family, which end on the edge of the sheet.
+
+    Args:
+        mesh: The stored mesh.
+        direction: Reference direction of the family, shape (2,).
+        spacing: Distance of the yarns in the reference (m).
+    """
+    across = mesh.points @ np.array([-direction[1], direction[0]])
+    along = mesh.points @ direction
+    middle = (across.min() + across.max()) / 2
+    half = int((across.max() - across.min()) / (2 * spacing))
+    # a hair beside the middle: placements may jump across the fibres through corners, and
+    # a yarn must not lie on such a line, between its two sides
+    places = middle + spacing * (np.arange(-half, half) + 0.5 + 1e-4)
+    level, ends, share = _cut(across[mesh.triangles], mesh.triangles, places)
+    reach = (1 - share) * along[ends[..., 0]] + share * along[ends[..., 1]]
+    ways = np.argsort(reach, axis=1)  # from the first end of each segment to the second
+    reach, share = (np.take_along_axis(a, ways, axis=1) for a in (reach, share))
+    ends = np.take_along_axis(ends, ways[..., None], axis=1)
+    gap = 1e-9 * float(np.ptp(along))
+    (order,) = np.nonzero(reach[:, 1] > reach[:, 0] + gap)  # not those at a corner only
+    order = order[np.lexsort((reach[order, 0], level[order]))]
+    level, reach, share, ends = level[order], reach[order], share[order], ends[order]
+    begins = np.ones(len(level), dtype=bool)
+    begins[1:] = (level[1:] != level[:-1]) | (reach[1:, 0] > reach[:-1, 1] + gap)
+    # a piece is the beginning of each of its segments, and the end of its last one
+    closes = np.append(begins[1:], True)[: len(level)]
+    kept = np.column_stack([np.ones(len(level), dtype=bool), closes])
+    before = np.cumsum(kept.sum(axis=1)) - kept.sum(axis=1)
+    return Yarns(ends[kept], share[kept], before[begins], level[begins])
+
+
+def _cut(across: Values, triangles: Numbers, places: Values) -> tuple[Numbers, Numbers, Values]:
+    """Return the segments in which lines cut triangles.
+
+    Args:
+        across: Distance of each corner from the first line's family (m), shape (m, 3).
+        triangles: Points of each triangle, shape (m, 3).
+        places: Distances of the lines, ascending.
+
+    Returns:
+        Of each segment the number of its line, shape (k,); both ends of the sides on which
+        it begins and ends, shape (k, 2, 2); how far it is along them, shape (k, 2).
+    """
+    first = np.searchsorted(places, across.min(axis=1))
+    count = np.searchsorted(places, across.max(axis=1)) - first
+    owner = np.repeat(np.arange(len(triangles)), count)
+    level = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count) + first[owner]
+    distance = across[owner] - places[level][:, None]
+    distance[np.abs(distance) < 1e-12 * np.ptp(across)] = 0.0  # rounding makes no side
+    beyond = distance > 0
+    crossed = beyond[:, _SIDES[:, 0]] != beyond[:, _SIDES[:, 1]]
+    inside = crossed.sum(axis=1) == 2  # all but those that a corner touches
+    level, owner, distance = level[inside], owner[inside], distance[inside]
+    sides = _SIDES[np.nonzero(crossed[inside])[1].reshape(-1, 2)]
+    start, end = (np.take_along_axis(distance, sides[..., i], axis=1) for i in (0, 1))
+    ends = np.take_along_axis(triangles[owner], sides.reshape(-1, 4), axis=1).reshape(-1, 2, 2)
+    return level, ends, start / (start - end)
+
+
 def material_lines(
-    mesh: Triangles,
-    direction: NDArray[np.float64],
-    displacement: NDArray[np.float64],
-    spacing: float,
+    mesh: Triangles, direction: Values, displacement: Values, spacing: float
 ) -> list[Polyline]:
     """Return where equidistant yarns of a family are now.
-
-    The lines are cut from the triangles exactly, so that they end on the edge of the sheet.
 
     Args:
         mesh: The stored mesh.
@@ -51,28 +140,11 @@ def material_lines(
     Returns:
         A polyline for each piece of yarn, each of shape (points, 2), in m.
     """
-    across = mesh.points @ np.array([-direction[1], direction[0]])
-    middle = (across.min() + across.max()) / 2
-    half = int((across.max() - across.min()) / (2 * spacing))
-    # a hair beside the middle: placements may jump across the fibres through corners, and
-    # a yarn must not lie on such a line, between its two sides
-    values = middle + spacing * (np.arange(-half, half) + 0.5 + 1e-4)
-    surface = mesh.surface()
-    surface["across"] = across
-    surface["displacement"] = displacement
-    cut = surface.contour(values.tolist(), scalars="across")
-    if not cut.n_points:
-        return []
-    joined = _joined(cut)
-    ends = joined.lines.reshape(-1, 3)[:, 1:]
-    links = coo_array((np.ones(len(ends)), ends.T), shape=(joined.n_points, joined.n_points))
-    _, piece = connected_components(links, directed=False)
-    along = np.lexsort((joined.points[:, :2] @ direction, piece))
-    moved = _moved(joined)[along]
-    return np.split(moved, np.flatnonzero(np.diff(piece[along])) + 1)
+    yarns = lay_yarns(mesh, direction, spacing)
+    return yarns.pieces(yarns.on(mesh.points + displacement))
 
 
-def outline(mesh: Triangles, displacement: NDArray[np.float64] | None = None) -> list[Polyline]:
+def outline(mesh: Triangles, displacement: Values | None = None) -> list[Polyline]:
     """Return the edges of the sheet and of its holes, at rest or displaced, in m."""
     surface = mesh.surface()
     surface["displacement"] = np.zeros_like(mesh.points) if displacement is None else displacement
@@ -93,6 +165,6 @@ def _joined(mesh: pv.PolyData) -> pv.PolyData:
     return mesh.clean(tolerance=tolerance, absolute=True, lines_to_points=False)
 
 
-def _moved(mesh: pv.PolyData) -> NDArray[np.float64]:
+def _moved(mesh: pv.PolyData) -> Values:
     """Return where the points are now (m), shape (n, 2)."""
     return np.asarray(mesh.points[:, :2] + mesh["displacement"], dtype=np.float64)
