@@ -38,7 +38,9 @@ def test_a_graded_mesh_covers_the_sheet_without_gaps(
     points, cells = graded(*coarse, outline, (HOLDS, HOLDS), (3, 1))
     assert (areas(points, cells) > 0).all()
     assert areas(points, cells).sum() == pytest.approx(outline.polygon.area)
-    sides = Counter(tuple(sorted(map(int, s))) for c in cells for s in zip(c, np.roll(c, 1)))
+    sides = Counter(
+        tuple(sorted(map(int, s))) for c in cells for s in zip(c, np.roll(c, 1), strict=True)
+    )
     alone = [s for s, count in sides.items() if count == 1]
     length = sum(float(np.linalg.norm(points[a] - points[b])) for a, b in alone)
     assert set(sides.values()) == {1, 2}

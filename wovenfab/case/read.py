@@ -108,8 +108,13 @@ def dump_case(case: Case) -> str:
     yaml.sort_base_mapping_type_on_output = False
     yaml.width = 100
     stream = StringIO()
-    yaml.dump(case.model_dump(mode="json", by_alias=True, exclude_none=True), stream)
+    left: Any = {} if case.accuracy is None else CHOSEN
+    yaml.dump(case.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=left), stream)
     return stream.getvalue()
+
+
+#: What is found by the program, and not said by the case, where an accuracy is asked for.
+CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle"}}
 
 
 class _InOrder(GenerateJsonSchema):

@@ -21,7 +21,7 @@ from .program import Hold, Ramp, Segment, Table, reached
 from .rest import GROWING, rest_at_start
 from .sampling import Finding, samples_of, unfit_conditions, unfit_values, unsound_places
 from .scene import Scene
-from .schema import Discretisation, Output, Rectangle, SheetFile, possible_fields
+from .schema import Discretisation, Output, Rectangle, SheetFile, Time, possible_fields
 
 Rule = Callable[..., Iterator[Finding]]
 
@@ -248,3 +248,19 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
     if given.jumps and (mesh != "fibres" or not graded):
         reason = "placements can jump on a mesh along the fibres alone"
         yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."
+
+
+@_rule
+def _accuracy(
+    accuracy: float | None, discretisation: Discretisation, time: Time
+) -> Iterator[Finding]:
+    if accuracy is None:
+        return
+    for section, name, keys in (
+        (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
+        (time, "time", ("steps_per_cycle",)),
+    ):
+        for key in keys:
+            if key in section.model_fields_set and getattr(section, key) is not None:
+                reason = "is chosen by the program where an accuracy is asked for"
+                yield (name, key), reason, "Leave this key out, or leave 'accuracy' out."

@@ -221,6 +221,12 @@ class Case(Section):
     program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
     """Displacement against time: one segment, or a list of them."""
 
+    accuracy: Annotated[float | None, Quantity(above=0, most=0.2)] = Field(
+        default=None, examples=["1 %"]
+    )
+    """Largest relative error of the peak force and of the dissipated energy; degree, size of
+    cells and steps are then found by the program."""
+
     discretisation: Discretisation = Discretisation()
     """Elements in space."""
 

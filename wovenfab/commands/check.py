@@ -12,6 +12,7 @@ from wovenfab.case import Case, dump_case, read_case
 from wovenfab.case.needs import acting
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import Voice
+from wovenfab.simulation.size import memory
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
@@ -81,15 +82,6 @@ def _brought(now: Needs, more: Needs) -> str:
     )
     found = [what for is_new, what in news if is_new]
     return " and ".join(found) or "its own terms only"
-
-
-def memory(unknowns: int) -> float:
-    """Return a rough estimate of the memory of a run on one rank (bytes).
-
-    Fitted to the peak memory of a step with 8 000 to 500 000 unknowns, P3 with two
-    placements; fewer couplings between unknowns need less.
-    """
-    return float(1.0e8 + 7.0e3 * unknowns * (max(unknowns, 1) / 8e3) ** 0.09)
 
 
 def _grouped(number: int) -> str:

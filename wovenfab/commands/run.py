@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wovenfab.case import read_case
+from wovenfab.commands.accuracy import find, report
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, Voice
 from wovenfab.record.results import ResultsExistError, open_results, require_free
@@ -46,6 +47,11 @@ def run_case(
             with watch.phase("mesh"):
                 sheet = sheet_for(case, path, overrides)
             require_free(directory, overwrite)
+            found, wanted = None, case.accuracy
+            if wanted is not None:
+                with watch.phase("pilot"):
+                    found = find(case, path, overrides, voice)
+                case, sheet = found.case, found.sheet
             voice.progress(Progress("compiling the effects"))
             with watch.phase("compile"):
                 rig = stack.enter_context(rig_of(case, sheet))
@@ -54,6 +60,8 @@ def run_case(
             voice.problem(str(error))
             return BAD_INPUT
         result = run(case, rig, directory, voice.progress, watch)
+        if found is not None and wanted is not None:
+            report(found, wanted, result.summary, directory, voice)
     if case.output.pictures:
         warning = draw_apart(directory).warning
         if warning is not None:

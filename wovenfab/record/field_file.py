@@ -15,7 +15,7 @@ from wovenfab.record.results import write_whole
 from wovenfab.record.xdmf import Frame, Layout, xdmf
 
 #: Name of the files, without suffix, of the fields of a run and of modes.
-FIELDS, MODE = "fields", "mode"
+FIELDS, MODE, ERROR = "fields", "mode", "error"
 DATA = f"{FIELDS}.h5"
 
 #: No file lock: a run must go on while somebody looks at its results.

@@ -37,6 +37,10 @@ FILES = (
     "yarns.xdmf",
     "open_in_paraview.py",
     "animation.gif",
+    "error.csv",
+    "error.h5",
+    "error.xdmf",
+    "error.png",
 )
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from wovenfab.record.field_file import DATA, MODE
+from wovenfab.record.field_file import DATA, ERROR, MODE
 from wovenfab.record.stored_fields import StoredFields, read_fields
 from wovenfab.report.animation import ANIMATION, animate
 from wovenfab.report.deformed import deformed
+from wovenfab.report.error import error
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import mode
 from wovenfab.report.source import open_source, origin_of
@@ -79,17 +80,28 @@ def _stored(folder: Path) -> StoredFields | None:
     return stored if stored is not None and len(stored.times) else None
 
 
+def _error(folder: Path) -> list[Path]:
+    if not (folder / f"{ERROR}.h5").exists():
+        return []
+    stored = read_fields(folder, ERROR)
+    if not len(stored.times):
+        return []
+    figure = error(open_source(folder), stored)
+    return [save(figure, folder / f"{ERROR}.png", origin_of(folder))]
+
+
 #: What can be drawn of a run, each from its directory.
 MAKERS: dict[str, Callable[[Path], list[Path]]] = {
     "picture of loop": _loop,
     "picture of deformed": _deformed,
     "picture of mode": _mode,
+    "picture of error": _error,
     "page": _page,
     "yarns for ParaView": _yarns,
     "animation": _animation,
 }
 #: What a run draws at its end.
-PICTURES = ("picture of loop", "picture of deformed", "picture of mode")
+PICTURES = ("picture of loop", "picture of deformed", "picture of mode", "picture of error")
 #: What a report draws.
 REPORT = (*PICTURES, "page", "yarns for ParaView")
 

@@ -30,7 +30,7 @@ def shrunk(
         on: Which vertices, shape (n,).
         least: Sides that are shorter stay whole, m.
     """
-    places = list(points)
+    places: list[Array] = list(points)
     cuts: dict[tuple[int, int], int] = {}
 
     def cut(inner: int, outer: int) -> int | None:
