@@ -1,54 +1,91 @@
-"""Runs that are asked for an accuracy: the pilot before, the errors after."""
+"""``wovenfab accuracy``."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from wovenfab.case import Case
-from wovenfab.commands.sheet import sheet_for
-from wovenfab.commands.voice import Voice
+from wovenfab.case import read_case
+from wovenfab.case.problems import refusal
+from wovenfab.commands.voice import (
+    BAD_INPUT,
+    FAILED_STEP,
+    INTERRUPTED,
+    Voice,
+    duration,
+    is_launched,
+)
 from wovenfab.simulation.progress import Progress
 
-if TYPE_CHECKING:
-    from wovenfab.study.pilot import Found
-
-#: How the figures are called on the screen.
-WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
-
-
-def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Found:
-    """Return elements and steps for the accuracy of a case; collective."""
-    from wovenfab.study.pilot import pilot
-
-    def tell(text: str) -> None:
-        voice.progress(Progress(text))
-
-    found = pilot(case, lambda c: sheet_for(c, path, overrides), tell)
-    d = found.case.discretisation
-    size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
-    steps = f", {found.case.time.steps_per_cycle} steps a cycle" if case.needs.rate else ""
-    voice.say(f"chosen: degree {d.degree}, cells{size}{steps}")
-    return found
+#: Folder of the runs that have been made.
+KEPT = "runs"
+#: Runs that take longer (s) are announced.
+_LONG = 10.0
 
 
-def report(
-    found: Found, wanted: float, summary: Mapping[str, Any], directory: Path, voice: Voice
-) -> None:
-    """Write and say which errors were reached; collective."""
-    from wovenfab.record.summary import write_summary
-    from wovenfab.study.error_map import write_errors
-
-    reached: dict[str, Any] = {"wanted": wanted, "shortfall": found.shortfall}
-    if found.estimate is not None:
-        reached["figures"] = found.estimate.as_dict()
-        write_errors(found.estimate, directory)
-    write_summary(directory, {**summary, "accuracy": reached})
-    for name, error in reached.get("figures", {}).items():
-        words, unit = WORDS[name]
-        voice.say(
-            f"{words}: estimated error {error['relative_error']:.2%} ({error['error']:.3g} {unit})"
+def study_accuracy(
+    path: Path, output: Path | None, overrides: Sequence[str], minutes: float
+) -> int:
+    """Make the study of a case, write its table and draw it; return the exit code."""
+    voice = Voice()
+    if is_launched():
+        voice.problem("accuracy measures one process at a time: start it without mpirun")
+        return BAD_INPUT
+    case = read_case(path, overrides)
+    if not case.discretisation.mesh_size:
+        remedy = "For example 'mesh_size: 50 mm'."
+        raise refusal(
+            str(path), "a study starts from a mesh size", remedy, key="discretisation.mesh_size"
         )
-    if found.shortfall:
-        voice.say(f"warning: the accuracy of {wanted:.3g} is not reached: {found.shortfall}")
+    from wovenfab.report.work_precision import draw_work_precision
+    from wovenfab.study.accuracy import study
+    from wovenfab.study.accuracy_keep import KeptRuns
+    from wovenfab.study.accuracy_result import Run, Study
+    from wovenfab.study.accuracy_settings import Setting
+    from wovenfab.study.accuracy_table import answers, ladders, write_csv
+
+    directory = output or Path("results") / f"{case.name}-accuracy"
+    directory.mkdir(parents=True, exist_ok=True)
+    budget, spent = 60 * minutes, 0.0
+
+    def alive(seconds: float) -> None:
+        voice.progress(Progress("accuracy", min((spent + seconds) / budget, 1.0)))
+
+    def tell(now: Study, setting: Setting, expected: float, run: Run | None) -> None:
+        nonlocal spent
+        spent = now.spent
+        left = f"at most {duration(max(budget - spent, 0))} left"
+        voice.progress(Progress("accuracy", min(spent / budget, 1.0)))
+        if run is None:
+            if expected > _LONG:
+                voice.say(f"  {setting.label} will take about {duration(expected)} ({left})")
+            return
+        m = run.measured
+        if m.failure:
+            voice.say(f"{setting.stage}: {setting.label} failed: {m.failure}")
+            return
+        compiled = f" after {m.compile:.0f} s to compile" if m.compile else ""
+        values = ", ".join(f"{name} {value:.6g}" for name, value in m.values.items())
+        voice.say(
+            f"{setting.stage}: {setting.label}: {m.unknowns} unknowns, {m.steps} steps, "
+            f"{m.wall:.1f} s{compiled}, {values}; {left}"
+        )
+
+    runner = KeptRuns(path, overrides, directory / KEPT, alive)
+    try:
+        with voice:
+            found = study(path, overrides, runner, budget, tell)
+    except KeyboardInterrupt:
+        voice.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
+        return INTERRUPTED
+    if runner.kept:
+        voice.say(f"{runner.kept} of {len(found.runs) + len(found.failed)} runs were there already")
+    write_csv(found, directory)
+    if not found.space:
+        voice.problem(f"every run failed; the reasons are in {directory}")
+        return FAILED_STEP
+    text = f"{answers(found)}\n\n{ladders(found)}\n"
+    (directory / "accuracy.md").write_text(text, encoding="utf-8")
+    draw_work_precision(found, directory)
+    voice.say(f"\n{answers(found)}\n\ntables and diagrams: {directory}")
+    return 0

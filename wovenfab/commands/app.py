@@ -117,6 +117,34 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 
 
 @app.command()
+def accuracy(
+    case: CaseFile,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--output",
+            show_default=False,
+            help="Directory of runs, table and diagrams; results/<name of the case>-accuracy "
+            "unless given.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    minutes: Annotated[
+        float, typer.Option("--minutes", min=0.01, help="Time for all runs, compilation aside.")
+    ] = 10.0,
+) -> None:
+    """Show what accuracy costs: errors against time, memory and unknowns, and what is cheapest.
+
+    Each run is a process of its own and is kept: repeat the command to go on where it was
+    interrupted, or with more minutes to know more.
+    """
+    from wovenfab.commands.accuracy import study_accuracy
+
+    sys.exit(study_accuracy(case, output, overrides or [], minutes))
+
+
+@app.command()
 def sweep(
     cases: Annotated[
         list[Path], typer.Argument(help="Case files, or a sweep file (YAML).", show_default=False)

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from wovenfab.case import read_case
-from wovenfab.commands.accuracy import find, report
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, Voice
+from wovenfab.commands.wanted import find, report
 from wovenfab.record.results import ResultsExistError, open_results, require_free
 from wovenfab.report.apart import draw_apart
 from wovenfab.simulation.progress import Progress, Stopwatch

@@ -1,0 +1,215 @@
+"""An accuracy study of cases whose exact answers are known recovers their true errors."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import replace
+from math import sin, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from tests import scenes
+from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
+from wovenfab.case import read_case
+from wovenfab.commands.accuracy import study_accuracy
+from wovenfab.study.accuracy import TARGETS, study
+from wovenfab.study.accuracy_climb import Runner
+from wovenfab.study.accuracy_error import Ladder, best_of, combined, order_of, own_error
+from wovenfab.study.accuracy_keep import KeptRuns
+from wovenfab.study.accuracy_result import Study
+from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure, peak_of
+from wovenfab.study.accuracy_settings import Setting
+
+#: A strip along its yarns whose stiffness varies: springs in series.
+SPRINGS = """
+sheet: {length: 1 m, width: 0.5 m, fibres: [0 deg, 90 deg]}
+effects:
+  stretch: {stiffness: 1e5 N/m * (1 + 0.9*sin(7*x/1 m))}
+  shear: {stiffness: 400 N/m}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: ramp, to: 1 mm, steps: 1}
+discretisation: {degree: 2, mesh_size: 250 mm}
+"""
+#: A homogeneous pull with spin friction: an ordinary differential equation.
+PULL = f"""
+sheet: {{length: 1 m, width: 1 m, fibres: [45 deg, -45 deg]}}
+effects:
+  stretch: {{stiffness: {STIFF} N/m}}
+  shear: {{stiffness: {SOFT} N/m}}
+  spin_friction: {{strength: {SPIN} N/m, slope: {SLOPE} s}}
+boundary:
+  left: {{displacement: [0, free]}}
+  bottom: {{displacement: [free, 0]}}
+  right: {{displacement: [program, free]}}
+program: {{type: cycles, amplitudes: 300 mm, frequency: 0.5 Hz}}
+discretisation: {{degree: 2, mesh_size: 0.5 m}}
+time: {{steps_per_cycle: 80}}
+"""
+
+
+def written(tmp_path: Path, text: str) -> Path:
+    path = tmp_path / "case.yaml"
+    path.write_text(text)
+    return path
+
+
+def counted(path: Path) -> Runner:
+    """Return a runner in this process whose times are counts, the same on every machine."""
+
+    def run(setting: Setting) -> Measured:
+        found = measure(read_case(path, setting.overrides))
+        return replace(found, setup=0.0, stepping=1e-4 * found.unknowns * found.steps)
+
+    return run
+
+
+def studied(path: Path, budget: float) -> Study:
+    return study(path, (), counted(path), budget, lambda *_: None)
+
+
+def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
+    found = studied(written(tmp_path, SPRINGS), 6.0)
+    compliance = quad(lambda x: 1 / (1e5 * (1 + 0.9 * sin(7 * x))), 0, 1, epsabs=1e-16, limit=200)
+    exact = 0.5 * 1e-3 / compliance[0]
+    best = found.best["space"][PEAK_FORCE]
+    true = abs(best.value - exact)
+    print(f"\nbest {best.value:.8g} N ± {best.error:.1e}, exact {exact:.8g}, off {true:.1e}")
+    assert true <= 3 * best.error
+    assert best.relative < 1e-3
+    compared = 0
+    for run in found.space:
+        wrong = abs(run.measured.values[PEAK_FORCE] - exact)
+        if wrong > 3 * best.error:
+            compared += 1
+            assert found.errors(run)[PEAK_FORCE] * exact == pytest.approx(wrong, rel=0.35)
+    assert compared > 3
+    for target, run in found.chosen.items():
+        if run is not None:
+            assert abs(run.measured.values[PEAK_FORCE] / exact - 1) <= target
+    assert found.chosen[0.01] is not None
+
+
+def test_errors_in_time_and_together_are_the_true_ones(tmp_path: Path) -> None:
+    found = studied(written(tmp_path, PULL), 30.0)
+    times = np.linspace(0, 2, 4001)
+    y, force = bias_pull(0.3, 2.0, times)
+    x = 1 + 0.15 * (1 - np.cos(np.pi * times))
+    size, skew = sqrt((x[-1] ** 2 + y[-1] ** 2) / 2), (x[-1] / y[-1] - y[-1] / x[-1]) / 2
+    stored = STIFF * (size - 1) ** 2 + SOFT * skew**2 / 2
+    exact = {
+        PEAK_FORCE: force[np.abs(force).argmax()],
+        DISSIPATED: float(np.trapezoid(force, x)) - stored,
+    }
+    compared = 0
+    for name, true in exact.items():
+        best = found.best["both"][name]
+        off = abs(best.value - true)
+        print(
+            f"\n{name}: best {best.value:.7g} ± {best.error:.1e}, exact {true:.7g}, off {off:.1e}"
+        )
+        assert off <= 2 * best.error
+        assert best.relative < 1e-3
+        for run in (*found.time, *found.both):
+            wrong = abs(run.measured.values[name] - true)
+            if wrong > 3 * best.error:
+                compared += 1
+                estimated = found.errors(run)[name] * abs(true)
+                assert estimated == pytest.approx(wrong, rel=0.35)
+    assert compared > 10
+    for target in TARGETS[:2]:
+        run = found.chosen[target]
+        assert run is not None
+        for name, true in exact.items():
+            assert abs(run.measured.values[name] / true - 1) <= target
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0, 3.5])
+def test_the_order_is_found_from_sizes_of_any_ratio(order: float) -> None:
+    sizes = (1.0, 0.7, 0.2)
+    values = tuple(5 - 2 * h**order for h in sizes)
+    assert order_of(sizes, values) == pytest.approx(order)
+    assert own_error(Ladder("a", sizes, values, 4)) == pytest.approx(2 * 0.2**order)
+
+
+def test_a_higher_order_than_in_theory_is_taken_for_chance() -> None:
+    ladder = Ladder("a", (4, 2, 1), (1.0, 1.8, 1.801), 2)
+    assert own_error(ladder) == pytest.approx(0.8 / 4 / 3)
+
+
+def test_without_an_order_nothing_is_extrapolated() -> None:
+    assert order_of((4, 2, 1), (1.0, 2.0, 1.5)) is None
+    assert own_error(Ladder("a", (4, 2, 1), (1.0, 2.0, 1.5), 2)) == 1.0
+    assert own_error(Ladder("a", (1,), (1.0,), 2)) == np.inf
+
+
+def test_a_method_that_converges_to_something_else_is_not_believed() -> None:
+    wrong = Ladder("wrong", (4, 2, 1), (2.16, 2.04, 2.01), 2)
+    right = Ladder("right", (4, 2, 1), (1.4, 1.2, 1.1), 2)
+    best = best_of([right, wrong])
+    assert best.method == "wrong"
+    assert best.error == pytest.approx(0.91 - 0.1)
+
+
+def test_both_errors_together_cover_the_answer_to_a_product_and_its_mixed_part() -> None:
+    def value(h: float, k: float) -> float:
+        return 3 * (1 + 0.1 * h) * (1 + 0.2 * k) + 0.02 * h * k
+
+    space = best_of([Ladder("s", (1, 0.5, 0.25), tuple(value(h, 1) for h in (1, 0.5, 0.25)), 1)])
+    time = best_of([Ladder("t", (1, 0.5, 0.25), tuple(value(1, k) for k in (1, 0.5, 0.25)), 1)])
+    both = combined(space, time, value(1, 1))
+    assert abs(both.value - value(0, 0)) <= both.error < 0.5
+
+
+def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
+    times = [0.0, 0.5, 0.9, 1.6, 2.0]
+    forces = [4 - (t - 1) ** 2 for t in times]
+    assert peak_of(times, forces, [False] * 5) == pytest.approx(4)
+    assert peak_of(times, [-f for f in forces], [False] * 5) == pytest.approx(-4)
+    assert peak_of(times, forces, [True] * 5) == forces[2]
+    assert peak_of(times[:3], forces[:3], [False] * 3) == forces[2]
+
+
+def test_rms_beta_is_that_of_the_field() -> None:
+    numerics = replace(scenes.PROTOTYPE, history=0)
+    model = scenes.model(scenes.sheet(0.9, 0.3, 0.15), scenes.COUPLED, numerics)
+    rms = RmsBeta(model)
+    model.field.interpolate(lambda x: np.stack([0 * x[0], 0 * x[0], 3e-3 * x[0], 4e-3 * x[0]]))
+    assert rms() == pytest.approx(5e-3 * 0.9 / sqrt(3), rel=1e-12)
+    bonded = scenes.model(scenes.sheet(0.9, 0.3, 0.15), scenes.BONDED, numerics)
+    assert not RmsBeta(bonded).is_defined
+
+
+def test_the_command_keeps_its_runs_and_says_what_is_cheapest(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path, output = written(tmp_path, SPRINGS), tmp_path / "study"
+    assert study_accuracy(path, output, (), 1e-3) == 0
+    said = capfd.readouterr().out
+    assert "left" in said and "cheapest setting" in said
+    with (output / "accuracy.csv").open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert rows and all(int(row["peak_memory_B"]) > 50e6 for row in rows)
+    assert all(float(row["peak_force_N"]) > 0 for row in rows)
+    assert (output / "accuracy-space.png").stat().st_size > 10_000
+    assert study_accuracy(path, output, (), 1e-3) == 0
+    assert f"{len(rows)} of {len(rows)} runs were there already" in capfd.readouterr().out
+    with (output / "accuracy.csv").open() as stream:
+        assert list(csv.DictReader(stream)) == rows
+
+
+def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path: Path) -> None:
+    path = written(tmp_path, SPRINGS)
+
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    setting = Setting("space", "any", 2, "any", ("discretisation.mesh_size=4 mm",), ())
+    with pytest.raises(KeyboardInterrupt):
+        KeptRuns(path, (), tmp_path / "runs", interrupt)(setting)
+    assert not (tmp_path / "runs").exists()
+    hopeless = Setting("space", "any", 2, "any", (), ("program.to=-2 m", "program.steps=1"))
+    found = KeptRuns(path, (), tmp_path / "runs")(hopeless)
+    assert "no equilibrium" in found.failure

@@ -1,0 +1,54 @@
+"""Runs that are asked for an accuracy: the pilot before, the errors after."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wovenfab.case import Case
+from wovenfab.commands.sheet import sheet_for
+from wovenfab.commands.voice import Voice
+from wovenfab.simulation.progress import Progress
+
+if TYPE_CHECKING:
+    from wovenfab.study.pilot import Found
+
+#: How the figures are called on the screen.
+WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
+
+
+def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Found:
+    """Return elements and steps for the accuracy of a case; collective."""
+    from wovenfab.study.pilot import pilot
+
+    def tell(text: str) -> None:
+        voice.progress(Progress(text))
+
+    found = pilot(case, lambda c: sheet_for(c, path, overrides), tell)
+    d = found.case.discretisation
+    size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
+    steps = f", {found.case.time.steps_per_cycle} steps a cycle" if case.needs.rate else ""
+    voice.say(f"chosen: degree {d.degree}, cells{size}{steps}")
+    return found
+
+
+def report(
+    found: Found, wanted: float, summary: Mapping[str, Any], directory: Path, voice: Voice
+) -> None:
+    """Write and say which errors were reached; collective."""
+    from wovenfab.record.summary import write_summary
+    from wovenfab.study.error_map import write_errors
+
+    reached: dict[str, Any] = {"wanted": wanted, "shortfall": found.shortfall}
+    if found.estimate is not None:
+        reached["figures"] = found.estimate.as_dict()
+        write_errors(found.estimate, directory)
+    write_summary(directory, {**summary, "accuracy": reached})
+    for name, error in reached.get("figures", {}).items():
+        words, unit = WORDS[name]
+        voice.say(
+            f"{words}: estimated error {error['relative_error']:.2%} ({error['error']:.3g} {unit})"
+        )
+    if found.shortfall:
+        voice.say(f"warning: the accuracy of {wanted:.3g} is not reached: {found.shortfall}")

@@ -1,0 +1,227 @@
+"""One run of an accuracy study: ``python -m wovenfab.study.accuracy_run`` in its own process.
+
+What it prints is one line of JSON. A process of its own makes peak memory and wall time
+those of this run alone.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from math import sqrt
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
+
+from forms.places import displacements
+from wovenfab.case import Case, read_case
+from wovenfab.model.compiler import cache_folder, compile_form
+from wovenfab.model.model import Model
+from wovenfab.simulation.assemble import (
+    constraints_of,
+    driven_edge,
+    equilibrium_of,
+    model_of,
+    program_of_case,
+    scheme_of,
+    sheet_of,
+)
+from wovenfab.stepping.march import March, Step, StepFailedError
+from wovenfab.stepping.program import Program
+from wovenfab.stepping.stability import StabilityLostError
+
+QUANTITIES = PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_N", "dissipated_J", "rms_beta_m"
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a run gave and what it cost.
+
+    Attributes:
+        values: Largest force of the driven edge along its motion (N; see :func:`peak_of`),
+            dissipated energy per cycle (J; of the whole program without cycles), and root mean
+            square of beta over the sheet when the displacement is largest (m); only those
+            that the scene has.
+        unknowns: Number of unknowns.
+        steps: Accepted steps.
+        iterations: Newton iterations, all together.
+        setup: Time for mesh, tables and solver, nothing being compiled, s.
+        stepping: Time of all steps, s.
+        memory: Largest memory of the process, bytes; its libraries are part of it.
+        compile: Time to compile kernels beforehand, s; 0 where they were there.
+        failure: Why it ended early, or nothing.
+    """
+
+    values: Mapping[str, float] = field(default_factory=dict)
+    unknowns: int = 0
+    steps: int = 0
+    iterations: int = 0
+    setup: float = 0.0
+    stepping: float = 0.0
+    memory: int = 0
+    compile: float = 0.0
+    failure: str = ""
+
+    @property
+    def wall(self) -> float:
+        """Time from the case to its last step, without compilation, s."""
+        return self.setup + self.stepping
+
+    @property
+    def each_step(self) -> float:
+        """Mean time of a step, s."""
+        return self.stepping / max(self.steps, 1)
+
+
+def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
+    """Run a case in this process, on one rank, and return what it gave and cost.
+
+    Args:
+        case: The case.
+        stop_if_compiled: Return without a step if kernels had to be compiled, which takes
+            time and memory; then nothing but ``compile`` is known.
+    """
+    before = _kernels()
+    start = time.perf_counter()
+    sheet = sheet_of(case, MPI.COMM_WORLD)
+    model = model_of(case, sheet)
+    constraints = constraints_of(case, model)
+    equilibrium = equilibrium_of(case, model, constraints)
+    slip = RmsBeta(model)
+    setup = time.perf_counter() - start
+    if stop_if_compiled and _kernels() != before:
+        equilibrium.destroy()
+        return Measured(compile=setup)
+    program, scheme = program_of_case(case), scheme_of(case)
+    march = March(
+        model,
+        constraints,
+        equilibrium,
+        program,
+        scheme,
+        case.time.smallest_step,
+        case.solver.stability,
+    )
+    edge, (along_x, along_y) = driven_edge(case)
+    farthest, values = -1.0, {}
+    steps: list[Step] = []
+    forces: list[float] = []
+    failure, paused = "", 0.0
+    start = time.perf_counter()
+    try:
+        for step in march.steps():
+            steps.append(step)
+            fx, fy = step.reactions[edge]
+            forces.append(along_x * fx + along_y * fy)
+            if slip.is_defined and abs(step.displacement) > farthest:
+                moment = time.perf_counter()
+                farthest, values[RMS_BETA] = abs(step.displacement), slip()
+                paused += time.perf_counter() - moment
+    except (StepFailedError, StabilityLostError) as error:
+        failure = str(error)
+    stepping = time.perf_counter() - start - paused
+    equilibrium.destroy()
+    if len(steps) > 1:
+        kinks = [s.milestone is not None and s.milestone.jump for s in steps]
+        values[PEAK_FORCE] = peak_of([s.time for s in steps], forces, kinks)
+    if steps and steps[-1].dissipated:
+        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(_cycles(program), 1)
+    return Measured(
+        values={
+            name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
+        },
+        unknowns=model.unknowns,
+        steps=len(steps) - 1,
+        iterations=sum(s.iterations for s in steps),
+        setup=setup,
+        stepping=stepping,
+        memory=_peak_memory(),
+        failure=failure,
+    )
+
+
+def peak_of(times: Sequence[float], forces: Sequence[float], kinks: Sequence[bool]) -> float:
+    """Return the force of largest size, between steps on a parabola through three of them.
+
+    The largest of the steps' own forces would change by chance from one step size to the
+    next, in the same way with every scheme, and so hide how well it is known.
+
+    Args:
+        times: Time of each step, s.
+        forces: Force at each step, N.
+        kinks: Whether the velocity jumps there; then the step's own force is taken.
+    """
+    at = int(np.abs(forces).argmax())
+    if at in (0, len(forces) - 1) or kinks[at]:
+        return forces[at]
+    t = np.array(times[at - 1 : at + 2]) - times[at]
+    a, b, c = np.polyfit(t, forces[at - 1 : at + 2], 2)
+    return float(c - b * b / (4 * a)) if a else forces[at]
+
+
+class RmsBeta:
+    """The root mean square over the sheet of beta = |chi_2 - chi_1|, m."""
+
+    def __init__(self, model: Model) -> None:
+        """Compile the integral, where there are two placements."""
+        mesh = model.sheet.mesh
+        one = fem.Constant(mesh, np.float64(1.0))
+        self._square = None
+        if model.placements.count == 2:
+            first, second = displacements(model.field)
+            slip = second - first
+            self._square = compile_form(ufl.dot(slip, slip) * ufl.dx(mesh))
+        self._area = fem.assemble_scalar(compile_form(one * ufl.dx(mesh)))
+
+    @property
+    def is_defined(self) -> bool:
+        """Whether there are two placements."""
+        return self._square is not None
+
+    def __call__(self) -> float:
+        """Return it for the model's present state."""
+        return sqrt(fem.assemble_scalar(self._square) / self._area)
+
+
+def _cycles(program: Program) -> int:
+    return sum(m.ends_cycle for m in program.milestones)
+
+
+def _kernels() -> set[str]:
+    return {path.name for path in cache_folder().glob("*.so")}
+
+
+def _peak_memory() -> int:
+    """Return the largest memory of this process, bytes.
+
+    Linux counts the parent's in ``ru_maxrss`` if that was larger when it started us.
+    """
+    try:
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
+    except (OSError, StopIteration):
+        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def read_measured(text: str) -> Measured:
+    """Return what a run's JSON says."""
+    content: dict[str, Any] = json.loads(text)
+    return Measured(**content)
+
+
+def dump_measured(measured: Measured) -> str:
+    """Return a run's figures as one line of JSON."""
+    return json.dumps(asdict(measured))
+
+
+if __name__ == "__main__":
+    found = measure(read_case(Path(sys.argv[1]), sys.argv[2:]), stop_if_compiled=True)
+    print(dump_measured(found))

@@ -1,0 +1,204 @@
+"""What an accuracy study varies: methods in space and in time, each a ladder of settings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from math import log2
+from pathlib import Path
+
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table, read_case
+from wovenfab.stepping.scheme import SCHEMES
+
+#: Cells across a rectangle's shorter side with which the ladder of mesh sizes starts, roughly.
+_FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
+#: Planned steps of a study's first run in time, as a share of the case's.
+COARSEST = 1 / 4
+#: Smallest cells over cells elsewhere where corners are graded, at two cells across: then it
+#: falls with the mesh size, since corners are singular and elements of higher order feel it.
+_GRADING = 1 / 4
+
+
+@dataclass(frozen=True)
+class Method:
+    """A way to discretise: one curve of a work-precision diagram.
+
+    Attributes:
+        name: In a few words.
+        overrides: Values of the case, as for :func:`wovenfab.case.read_case`.
+        order: Order in theory at best: the elements' degree, or the scheme's.
+        first_size: Mesh size of the first run, m; 0 for a method in time.
+        grading: Corner size over mesh size of the first run; 0 for none.
+    """
+
+    name: str
+    overrides: tuple[str, ...]
+    order: float
+    first_size: float = 0.0
+    grading: float = 0.0
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One run of a study.
+
+    Attributes:
+        stage: ``space``, ``time`` or ``both``.
+        method: The method's name.
+        order: That of the method.
+        what: The mesh size or steps that tell it from other runs of the method.
+        mesh: Values of the case that make the mesh and the elements.
+        steps: Values of the case that make the steps.
+    """
+
+    stage: str
+    method: str
+    order: float
+    what: str
+    mesh: tuple[str, ...] = field(repr=False)
+    steps: tuple[str, ...] = field(repr=False)
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Everything that replaces values of the case."""
+        return (*self.mesh, *self.steps)
+
+    @property
+    def label(self) -> str:
+        """The setting in words."""
+        return f"{self.method}, {self.what}"
+
+
+@dataclass(frozen=True)
+class Steps:
+    """Planned steps of a case, all segments multiplied by the same factor."""
+
+    path: Path
+    overrides: tuple[str, ...]
+    case: Case
+
+    @property
+    def can_vary(self) -> bool:
+        """Whether there is a segment whose steps are not given one by one."""
+        return any(not isinstance(segment, Table) for segment in self.case.program)
+
+    def planned(self, factor: float) -> int:
+        """Return the number of planned steps."""
+        return sum(self._counts(factor))
+
+    def with_factor(self, factor: float) -> tuple[str, ...]:
+        """Return the values of the case that multiply its steps."""
+        found = []
+        for number, (segment, count) in enumerate(
+            zip(self.case.program, self._counts(factor), strict=True)
+        ):
+            if isinstance(segment, Cycles):
+                per_cycle = count // len(segment.amplitudes)
+                found.append(f"time.steps_per_cycle={per_cycle}")
+            elif not isinstance(segment, Table):
+                found.append(f"{self._place(number)}.steps={count}")
+        return tuple(dict.fromkeys(found))
+
+    def _counts(self, factor: float) -> list[int]:
+        counts = []
+        for segment in self.case.program:
+            if isinstance(segment, Cycles):
+                per_cycle = max(2 * round(factor * self.case.time.steps_per_cycle / 2), 4)
+                counts.append(len(segment.amplitudes) * per_cycle)
+            elif isinstance(segment, Table):
+                counts.append(len(segment.samples.times))
+            else:
+                counts.append(max(round(factor * segment.steps), 1))
+        return counts
+
+    def _place(self, number: int) -> str:
+        """Return the key of a segment: a program of one may be written without a list."""
+        try:
+            read_case(self.path, (*self.overrides, "program.steps=1"))
+        except CaseError:
+            return f"program.{number}"
+        return "program"
+
+
+def space_methods(case: Case) -> list[Method]:
+    """Return the methods in space that are worth comparing for a case; its own is among them.
+
+    Degree, mesh along the fibres or not, and what the singularities ask for: jumps of two
+    placements, cells graded towards the corners for one.
+    """
+    two = case.needs.placements == 2
+    special = "jumps" if two else "graded"
+    kinds = [("fibres", degree, special) for degree in (2, 3, 4)]
+    kinds += [("fibres", 3, "plain"), ("crossed", 2, "")]
+    if not isinstance(case.sheet, Rectangle):
+        kinds = [("unstructured" if k == "crossed" else k, d, s) for k, d, s in kinds]
+    methods = [_method(case, *kind) for kind in kinds]
+    d = case.discretisation
+    if d.corner_size or d.penalty != "auto" or d.quadrature_degree != "auto":
+        assert d.mesh_size is not None
+        grading = (d.corner_size or 0.0) / d.mesh_size
+        first = _first(case, d.mesh or "fibres")
+        methods.append(Method("as in the case", (), d.degree, first, grading))
+    return methods
+
+
+def _method(case: Case, mesh: str, degree: int, kind: str) -> Method:
+    words = {"jumps": "on fibres", "plain": "on fibres", "graded": "on fibres, graded"}
+    name = f"P{degree} {words.get(kind, mesh)}"
+    if kind == "plain" and case.needs.placements == 2:
+        name += ", no jumps"
+    jumps = "false" if kind == "plain" and case.needs.placements == 2 else "null"
+    where = mesh if isinstance(case.sheet, Rectangle) or mesh == "fibres" else "unstructured"
+    overrides = (
+        f"discretisation.mesh={where}",
+        f"discretisation.degree={degree}",
+        f"discretisation.jumps={jumps}",
+        "discretisation.corner_size=null",
+        "discretisation.penalty=auto",
+        "discretisation.quadrature_degree=auto",
+    )
+    return Method(
+        name, overrides, degree, _first(case, mesh), _GRADING if kind == "graded" else 0.0
+    )
+
+
+def _first(case: Case, mesh: str) -> float:
+    """Return the largest mesh size (m): the case's times a power of two."""
+    own = case.discretisation.mesh_size
+    assert own is not None
+    if not isinstance(case.sheet, Rectangle):
+        return 2 * own
+    side = min(case.sheet.length, case.sheet.width)
+    return min(own * 2.0 ** round(log2(side / _FIRST_CELLS[mesh] / own)), side)
+
+
+def space_ladder(method: Method, coarse_steps: Sequence[str]) -> Iterator[Setting]:
+    """Yield the settings of a method in space, each with half the mesh size of the last."""
+    level = 0
+    while True:
+        size = method.first_size / 2**level
+        overrides = [*method.overrides, f"discretisation.mesh_size={size:.6g} m"]
+        what = f"{1e3 * size:.4g} mm"
+        if method.grading:
+            corner = size * method.grading / 2**level
+            overrides.append(f"discretisation.corner_size={corner:.6g} m")
+            what += f" (corners {1e3 * corner:.3g} mm)"
+        yield Setting(
+            "space", method.name, method.order, what, tuple(overrides), tuple(coarse_steps)
+        )
+        level += 1
+
+
+def time_methods() -> list[Method]:
+    """Return the methods in time: every scheme."""
+    return [Method(s.name, (f"time.scheme={s.name}",), s.order) for s in SCHEMES.values()]
+
+
+def time_ladder(method: Method, mesh: Sequence[str], steps: Steps) -> Iterator[Setting]:
+    """Yield the settings of a scheme on a mesh, each with twice the steps of the last."""
+    factor = COARSEST
+    while True:
+        what = f"{steps.planned(factor)} steps"
+        overrides = (*method.overrides, *steps.with_factor(factor))
+        yield Setting("time", method.name, method.order, what, tuple(mesh), overrides)
+        factor *= 2
