@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from dataclasses import replace
 from math import sin, sqrt
 from pathlib import Path
@@ -13,7 +14,8 @@ from scipy.integrate import quad
 
 from tests import scenes
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
-from wovenfab.case import read_case
+from wovenfab.bench.accuracy_page import ROOT, STUDIES, Shown
+from wovenfab.case import CaseError, read_case
 from wovenfab.commands.accuracy import study_accuracy
 from wovenfab.study.accuracy import TARGETS, study
 from wovenfab.study.accuracy_climb import Runner
@@ -213,3 +215,18 @@ def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path:
     hopeless = Setting("space", "any", 2, "any", (), ("program.to=-2 m", "program.steps=1"))
     found = KeptRuns(path, (), tmp_path / "runs")(hopeless)
     assert "no equilibrium" in found.failure
+
+
+def test_a_case_without_a_mesh_size_is_refused_with_its_line(tmp_path: Path) -> None:
+    text = (ROOT / "configs" / "dogbone.yaml").read_text().replace("../meshes/", f"{ROOT}/meshes/")
+    path = written(tmp_path, re.sub("mesh_size: .*", "", text))
+    with pytest.raises(CaseError, match=r"case\.yaml:\d+.*mesh size"):
+        study_accuracy(path, tmp_path / "study", (), 1.0)
+    assert not (tmp_path / "study").exists()
+
+
+@pytest.mark.parametrize("shown", STUDIES, ids=lambda s: s.name)
+def test_the_cases_of_the_page_can_be_read(shown: Shown) -> None:
+    assert read_case(ROOT / shown.case, shown.settings).needs.placements == (
+        1 if "bonded" in shown.name else 2
+    )

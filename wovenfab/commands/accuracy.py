@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case import read_case
-from wovenfab.case.problems import refusal
+from wovenfab.case import CaseError, problem_at, read_case
 from wovenfab.commands.voice import (
     BAD_INPUT,
     FAILED_STEP,
@@ -34,9 +33,8 @@ def study_accuracy(
     case = read_case(path, overrides)
     if not case.discretisation.mesh_size:
         remedy = "For example 'mesh_size: 50 mm'."
-        raise refusal(
-            str(path), "a study starts from a mesh size", remedy, key="discretisation.mesh_size"
-        )
+        problem = "a study starts from a mesh size"
+        raise CaseError([problem_at(path, overrides, "discretisation", problem, remedy)])
     from wovenfab.report.work_precision import draw_work_precision
     from wovenfab.study.accuracy import study
     from wovenfab.study.accuracy_keep import KeptRuns

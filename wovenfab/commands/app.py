@@ -131,7 +131,10 @@ def accuracy(
     ] = None,
     overrides: Overrides = None,
     minutes: Annotated[
-        float, typer.Option("--minutes", min=0.01, help="Time for all runs, compilation aside.")
+        float,
+        typer.Option(
+            "--minutes", min=0.01, help="Time for all runs, without their starts and compilation."
+        ),
     ] = 10.0,
 ) -> None:
     """Show what accuracy costs: errors against time, memory and unknowns, and what is cheapest.

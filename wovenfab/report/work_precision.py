@@ -7,27 +7,34 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from wovenfab.report.style import INK, QUIET, WIDTH, house_style, save
 from wovenfab.study.accuracy import TARGETS
 from wovenfab.study.accuracy_result import Run, Study
 from wovenfab.study.accuracy_table import QUANTITIES
 
-#: What a run costs, with the label of its axis.
-_WALL: tuple[str, Callable[[Run], float]] = ("wall time (s)", lambda r: r.measured.wall)
-_MEMORY: tuple[str, Callable[[Run], float]] = (
-    "peak memory (MB)",
-    lambda r: r.measured.memory / 1e6,
-)
-_UNKNOWNS: tuple[str, Callable[[Run], float]] = ("unknowns", lambda r: r.measured.unknowns)
-_STEPS: tuple[str, Callable[[Run], float]] = ("steps", lambda r: r.measured.steps)
-
-COSTS = {"space": (_UNKNOWNS, _WALL, _MEMORY), "time": (_STEPS, _WALL), "both": (_WALL, _MEMORY)}
+#: What a run costs.
+_Cost = Callable[[Run], float]
+_COSTS: dict[str, _Cost] = {
+    "unknowns": lambda r: r.measured.unknowns,
+    "steps": lambda r: r.measured.steps,
+    "wall time (s)": lambda r: r.measured.wall,
+    "peak memory (MB)": lambda r: r.measured.memory / 1e6,
+}
+_SHOWN = {
+    "space": ("unknowns", "wall time (s)", "peak memory (MB)"),
+    "time": ("steps", "wall time (s)"),
+    "both": ("wall time (s)", "peak memory (MB)"),
+}
 #: Curves without an order, apart for the colour-blind (Okabe and Ito, 2008) and in print.
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
 _MARKERS = "osD^vPX"
 #: Errors are not drawn below this share, where they are round-off.
 _LEAST = 1e-8
+#: An axis shows at least so many times its smallest value.
+_SPAN = 4.0
 
 
 def draw_work_precision(found: Study, directory: Path, name: str = "accuracy") -> list[Path]:
@@ -42,60 +49,67 @@ def draw_work_precision(found: Study, directory: Path, name: str = "accuracy") -
         The files, ``<name>-space.png`` and so on.
     """
     stages = (("space", found.space), ("time", found.time), ("both", found.both))
-    return [
-        _draw(found, stage, runs, directory / f"{name}-{stage}.png")
-        for stage, runs in stages
-        if runs
-    ]
+    return [_draw(found, s, runs, directory / f"{name}-{s}.png") for s, runs in stages if runs]
 
 
 def _draw(found: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
-    quantities, costs = list(found.best[stage]), COSTS[stage]
+    quantities, costs = list(found.best[stage]), _SHOWN[stage]
     with house_style():
-        size = (WIDTH, 0.55 + 1.95 * len(quantities))
-        figure = Figure(figsize=size)
+        figure = Figure(figsize=(WIDTH, 0.75 + 1.85 * len(quantities)))
         grid = figure.subplots(
             len(quantities), len(costs), sharex="col", sharey="row", squeeze=False
         )
         for row, quantity in zip(grid, quantities, strict=True):
-            for axes, (_, cost) in zip(row, costs, strict=True):
-                _curves(axes, found, stage, runs, quantity, cost)
-            row[0].set_ylabel(f"error of {QUANTITIES[quantity][0]}".replace(" energy", "\nenergy"))
-        for axes, (label, _) in zip(grid[-1], costs, strict=True):
-            axes.set_xlabel(label)
+            for axes, cost in zip(row, costs, strict=True):
+                _curves(axes, found, stage, runs, quantity, _COSTS[cost])
+            title = QUANTITIES[quantity][0].replace(" per cycle", "\nper cycle")
+            row[0].set_ylabel(f"error of {title}")
+            row[0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+        for axes, cost in zip(grid[-1], costs, strict=True):
+            axes.set_xlabel(cost)
+            _ticks(axes, [_COSTS[cost](r) for r in runs])
         handles, labels = grid[0][0].get_legend_handles_labels()
+        handles.append(
+            Line2D([], [], color=QUIET, linestyle="none", marker="o", markersize=4, mfc="none")
+        )
+        labels.append("at most: the best answer is no better known")
         figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=7.5)
         return save(figure, path)
 
 
 def _curves(
-    axes: Axes,
-    found: Study,
-    stage: str,
-    runs: Sequence[Run],
-    quantity: str,
-    cost: Callable[[Run], float],
+    axes: Axes, found: Study, stage: str, runs: Sequence[Run], quantity: str, cost: _Cost
 ) -> None:
-    """Draw one curve a method, and grey where the best answer is no better known."""
-    known = found.best[stage][quantity].relative
-    methods = list(dict.fromkeys(r.setting.method for r in runs))
-    for number, method in enumerate(methods):
+    """Draw one curve a method; hollow where the best answer is no better known than the run."""
+    least = max(found.best[stage][quantity].relative, _LEAST)
+    for number, method in enumerate(dict.fromkeys(r.setting.method for r in runs)):
         mine = [r for r in runs if r.setting.method == method]
-        errors = [max(found.errors(r)[quantity], _LEAST) for r in mine]
-        points = [(cost(r), e) for r, e in zip(mine, errors, strict=True) if e > _LEAST]
-        axes.loglog(
-            [x for x, _ in points],
-            [y for _, y in points],
-            marker=_MARKERS[number % len(_MARKERS)],
-            color=_COLOURS[number % len(_COLOURS)],
-            linestyle="none" if stage == "both" else "-",
-            markersize=4,
-            linewidth=1.2,
-            label=method,
-        )
-    low = axes.get_ylim()[0]
-    if known > low:
-        axes.axhspan(low, known, color=QUIET, alpha=0.25, linewidth=0)
-        axes.set_ylim(bottom=low)
+        errors = [found.errors(r)[quantity] for r in mine]
+        costs = [cost(r) for r in mine]
+        colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
+        if stage != "both":
+            axes.loglog(costs, [max(e, least) for e in errors], color=colour, linewidth=1.2)
+        for hollow in (False, True):
+            axes.loglog(
+                costs,
+                [max(e, least) if (e <= least) is hollow else float("nan") for e in errors],
+                color=colour,
+                marker=marker,
+                linestyle="none",
+                markersize=4.5,
+                markerfacecolor="white" if hollow else colour,
+                label=None if hollow else method,
+            )
     for target in TARGETS:
         axes.axhline(target, color=QUIET, linewidth=0.6, linestyle=":", zorder=0)
+
+
+def _ticks(axes: Axes, costs: Sequence[float]) -> None:
+    """Give a logarithmic axis that may span less than a decade a few plain numbers."""
+    low, high = min(costs), max(costs)
+    middle = (low * high) ** 0.5
+    wide = max(high / low * 1.3, _SPAN) ** 0.5
+    axes.set_xlim(middle / wide, middle * wide)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if wide < 6 else (1,)))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())

@@ -34,8 +34,8 @@ from wovenfab.simulation.assemble import (
     scheme_of,
     sheet_of,
 )
-from wovenfab.stepping.march import March, Step, StepFailedError
-from wovenfab.stepping.program import Program
+from wovenfab.stepping.failure import StepFailedError
+from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.stability import StabilityLostError
 
 QUANTITIES = PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_N", "dissipated_J", "rms_beta_m"
@@ -133,7 +133,7 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
         kinks = [s.milestone is not None and s.milestone.jump for s in steps]
         values[PEAK_FORCE] = peak_of([s.time for s in steps], forces, kinks)
     if steps and steps[-1].dissipated:
-        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(_cycles(program), 1)
+        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(len(program.cycles()), 1)
     return Measured(
         values={
             name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
@@ -189,10 +189,6 @@ class RmsBeta:
     def __call__(self) -> float:
         """Return it for the model's present state."""
         return sqrt(fem.assemble_scalar(self._square) / self._area)
-
-
-def _cycles(program: Program) -> int:
-    return sum(m.ends_cycle for m in program.milestones)
 
 
 def _kernels() -> set[str]:

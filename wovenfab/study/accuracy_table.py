@@ -122,7 +122,7 @@ def _cheapest(found: Study) -> str:
             lines.append(f"| {percent(target)} | not proven in this time | | | | | |")
             continue
         m = run.measured
-        errors = " ".join(percent(e) for e in found.errors(run).values())
+        errors = ", ".join(said(found, run).values())
         lines.append(
             f"| {percent(target)} | {run.setting.label} | {errors} | {m.unknowns} | {m.steps} | "
             f"{m.wall:.1f} s | {m.memory / 1e6:.0f} MB |"
@@ -148,8 +148,8 @@ def _runs(found: Study, runs: Sequence[Run]) -> str:
     for run in sorted(runs, key=lambda r: (r.setting.method, -r.size)):
         m, observed = run.measured, orders(found, run)
         errors = [
-            percent(error) + (f" ({observed[name]})" if observed.get(name) else "")
-            for name, error in found.errors(run).items()
+            error + (f" ({observed[name]})" if observed.get(name) else "")
+            for name, error in said(found, run).items()
         ]
         lines.append(
             f"| {run.setting.label} | {m.unknowns} | {m.steps} | {m.iterations} | {m.wall:.1f} | "
@@ -161,6 +161,15 @@ def _runs(found: Study, runs: Sequence[Run]) -> str:
 def percent(share: float) -> str:
     """Return a share in percent, with two digits."""
     return f"{100 * share:.2g} %" if isfinite(share) else "unknown"
+
+
+def said(found: Study, run: Run) -> dict[str, str]:
+    """Return each error in words; an upper bound where the best answer is no better known."""
+    best, bounds = found.best[run.setting.stage], found.bounds(run)
+    return {
+        name: percent(error) if error > best[name].relative else f"≤ {percent(bounds[name])}"
+        for name, error in found.errors(run).items()
+    }
 
 
 def _short(name: str) -> str:
