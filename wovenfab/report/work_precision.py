@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from math import ceil, floor, log10
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from wovenfab.report.style import INK, QUIET, WIDTH, house_style, save
 from wovenfab.study.accuracy import TARGETS
@@ -110,6 +111,10 @@ def _ticks(axes: Axes, costs: Sequence[float]) -> None:
     middle = (low * high) ** 0.5
     wide = max(high / low * 1.3, _SPAN) ** 0.5
     axes.set_xlim(middle / wide, middle * wide)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5) if wide < 6 else (1,)))
+    digits = (1.0,) if wide > 6 else (1.0, 2.0, 5.0) if wide > 3 else (1.0, 1.5, 2.0, 3.0, 5.0, 7.0)
+    decades = range(floor(log10(middle / wide)), ceil(log10(middle * wide)) + 1)
+    marks = [digit * 10.0**n for n in decades for digit in digits]
+    inside = [mark for mark in marks if middle / wide <= mark <= middle * wide]
+    axes.xaxis.set_major_locator(FixedLocator(inside))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
