@@ -31,9 +31,9 @@ _ENOUGH = 0.02
 #: Error of a mesh that is good enough for the study in time.
 _ADEQUATE = 0.01
 #: Its run with coarse steps takes no more than this share of the time.
-_AFFORDABLE = 0.02
+_AFFORDABLE = 0.03
 #: Shares of the time for space alone where rates count, and for both before combinations.
-_IN_SPACE, _IN_BOTH = 0.45, 0.75
+_IN_SPACE, _IN_BOTH = 0.4, 0.8
 #: Combinations that are tried for one accuracy before it counts as missed.
 _TRIES = 2
 
