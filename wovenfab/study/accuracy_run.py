@@ -133,7 +133,7 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
         kinks = [s.milestone is not None and s.milestone.jump for s in steps]
         values[PEAK_FORCE] = peak_of([s.time for s in steps], forces, kinks)
     if steps and steps[-1].dissipated:
-        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(len(program.cycles()), 1)
+        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(len(program.cycles), 1)
     return Measured(
         values={
             name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
