@@ -28,6 +28,7 @@ def mesh_from_gmsh(model: Any, comm: MPI.Comm, rank: int = 0) -> tuple[Any, Any,
     partitioner = cell_partitioner()
     names: dict[str, int] = {}
     if comm.rank == rank:
+        model.mesh.renumberNodes()  # dolfinx takes for granted that they have no gaps
         names = {model.getPhysicalName(1, tag): tag for _, tag in model.getPhysicalGroups(1)}
     names = comm.bcast(names, root=rank)
     if hasattr(dolfinx.io, "gmshio"):

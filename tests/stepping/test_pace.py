@@ -78,7 +78,7 @@ def test_steps_grow_back_to_the_planned_ones_where_they_are_easy() -> None:
 def test_steps_that_stay_hard_grow_too_in_the_end() -> None:
     times, failures = walk(EVEN, lambda t, h: None if t < 0.05 and h > 0.01 else EASY + 1)
     assert failures <= 5
-    assert len(times) < 6 * ENOUGH
+    assert len(times) < 8 * ENOUGH  # 100 without growth
 
 
 def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -> None:

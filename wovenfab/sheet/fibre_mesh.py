@@ -9,6 +9,7 @@ is divided into triangles.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import cos, sin
 
 import numpy as np
 import shapely
@@ -20,6 +21,10 @@ from wovenfab.sheet.outline import Outline
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
+#: Direction of the sides that are added where both choices are as good; along no symmetry.
+PREFERRED = (cos(0.3), sin(0.3))
+#: Digits to which two choices are as good.
+DIGITS = 9
 
 
 def fibre_mesh(
@@ -85,6 +90,10 @@ def _through(start: Array, end: Array, places: Array, tolerance: float) -> Array
 def divided(ring: Array) -> list[tuple[int, int, int]]:
     """Divide a simple polygon into triangles by its vertices, the worst as good as it can be.
 
+    Where that leaves a choice, as in a square, the sides that are added run along
+    ``PREFERRED`` as far as they can: rounding must not decide, or a sheet in other units
+    would have another mesh.
+
     Args:
         ring: Vertices, counter-clockwise, shape (n, 2).
 
@@ -92,22 +101,34 @@ def divided(ring: Array) -> list[tuple[int, int, int]]:
         Numbers of the vertices of each triangle, counter-clockwise.
     """
     n = len(ring)
-    best = {(i, i + 1): (np.inf, -1) for i in range(n)}
+    best = {(i, i + 1): (np.inf, 0.0, -1) for i in range(n)}
     for gap in range(2, n):
         for i in range(n - gap):
             j = i + gap
+            added = _straightness(ring[i], ring[j]) if gap < n - 1 else 0.0
             best[i, j] = max(
-                (min(quality(ring[i], ring[k], ring[j]), best[i, k][0], best[k, j][0]), k)
+                (
+                    min(round(quality(ring[i], ring[k], ring[j]), DIGITS), first[0], second[0]),
+                    round(added + first[1] + second[1], DIGITS),
+                    k,
+                )
                 for k in range(i + 1, j)
+                for first, second in [(best[i, k], best[k, j])]
             )
     found, open_sides = [], [(0, n - 1)]
     while open_sides:
         i, j = open_sides.pop()
-        k = best[i, j][1]
+        k = best[i, j][2]
         if k >= 0:
             found.append((i, k, j))
             open_sides += [(i, k), (k, j)]
     return found
+
+
+def _straightness(a: Array, b: Array) -> float:
+    """Return how far a side runs along ``PREFERRED``, 0 to 1."""
+    x, y = b - a
+    return float(abs(x * PREFERRED[0] + y * PREFERRED[1]) / np.hypot(x, y))
 
 
 def quality(a: Array, b: Array, c: Array) -> float:

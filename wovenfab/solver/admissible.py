@@ -103,12 +103,16 @@ class Barrier:
             mesh,
         )
 
+    def derivatives(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return f_1, f_2 and their changes by ``step`` at all own points, shape (n, 2, 2)."""
+        return self._state.values(), self._change.values()
+
     def limit(self) -> float:
         """Return the step length (of ``field + s step``) at which families first align.
 
         Collective; infinite if they never do.
         """
-        crossings = first_crossing(self._state.values(), self._change.values(), self._orientation)
+        crossings = first_crossing(*self.derivatives(), self._orientation)
         mine = float(crossings.min(initial=np.inf))
         return float(self._comm.allreduce(mine, op=MPI.MIN))
 

@@ -1,0 +1,28 @@
+// Rectangle 0.90 m x 0.30 m with a circular hole in its middle. Lengths in m.
+DefineConstant[ length = {0.90}, width = {0.30}, radius = {0.05}, size = {0.03} ];
+Point(1) = {0, 0, 0, size};
+Point(2) = {length, 0, 0, size};
+Point(3) = {length, width, 0, size};
+Point(4) = {0, width, 0, size};
+Line(1) = {1, 2};
+Line(2) = {2, 3};
+Line(3) = {3, 4};
+Line(4) = {4, 1};
+Point(10) = {length / 2, width / 2, 0, size};
+Point(11) = {length / 2 + radius, width / 2, 0, size};
+Point(12) = {length / 2, width / 2 + radius, 0, size};
+Point(13) = {length / 2 - radius, width / 2, 0, size};
+Point(14) = {length / 2, width / 2 - radius, 0, size};
+Circle(11) = {11, 10, 12};
+Circle(12) = {12, 10, 13};
+Circle(13) = {13, 10, 14};
+Circle(14) = {14, 10, 11};
+Curve Loop(1) = {1, 2, 3, 4};
+Curve Loop(2) = {11, 12, 13, 14};
+Plane Surface(1) = {1, 2};
+Physical Curve("bottom") = {1};
+Physical Curve("right") = {2};
+Physical Curve("top") = {3};
+Physical Curve("left") = {4};
+Physical Curve("hole") = {11, 12, 13, 14};
+Physical Surface("sheet") = {1};

@@ -1,0 +1,1 @@
+"""The hard cases: where textbook solvers break, run, measured and judged."""

@@ -1,0 +1,84 @@
+"""``python3 -m wovenfab.hard``: run the hard cases, judge them, write the page."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from wovenfab.hard.families import families
+from wovenfab.hard.page import page, picture_name, table, write
+from wovenfab.hard.row import Family, Row, is_good, verdict
+from wovenfab.hard.store import ROOT, Kept, load, save
+from wovenfab.hard.worker import work
+
+RESULTS = Path("results") / "hard"
+
+
+def run(
+    names: Annotated[
+        list[str] | None, typer.Argument(help="Rows, by the beginning of their names; else all.")
+    ] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Run the small versions.")] = False,
+    again: Annotated[bool, typer.Option("--again", help="Run what has been run, too.")] = False,
+    draw: Annotated[bool, typer.Option("--draw", help="Only draw and write what is kept.")] = False,
+    only_list: Annotated[bool, typer.Option("--list", help="Only print the rows.")] = False,
+) -> None:
+    """Run hard cases; exit code 1 if one of them fails."""
+    wanted = [_chosen(family, names or [], quick) for family in families()]
+    rows = [row for family in wanted for row in family.rows]
+    if only_list:
+        print("\n".join(f"{row.name:24} {row.title}" for row in rows))
+        return
+    folder = RESULTS / "quick" if quick else RESULTS
+    kept: dict[str, Kept] = {}
+    for row in rows:
+        path = folder / f"{row.name}.json"
+        found = None if again else load(path, any_sources=draw)
+        if found is None and not draw:
+            found = work(row, quick)
+            save(found, path)
+        if found is not None:
+            kept[row.name] = found
+            _tell(row, found)
+    print("\n" + table(wanted, kept))
+    if not quick and not names:
+        publish(kept)
+    passed = [row.name for row in rows if row.name in kept and is_good(row, kept[row.name].figures)]
+    missed = [row.name for row in rows if row.name not in passed]
+    print(f"{len(passed)} of {len(rows)} as they should be" + _listed(missed))
+    sys.exit(1 if missed else 0)
+
+
+def _chosen(family: Family, names: list[str], quick: bool) -> Family:
+    """Return a family with the rows that are wanted, the small ones if so."""
+    rows = [r for r in family.rows if not names or any(r.name.startswith(n) for n in names)]
+    return replace(family, rows=tuple(row.small() if quick else row for row in rows))
+
+
+def publish(kept: dict[str, Kept]) -> None:
+    """Draw the pictures and write the page."""
+    docs = ROOT / "docs"
+    for family in families():
+        found = {row.name: kept[row.name].figures for row in family.rows if row.name in kept}
+        figures = {name: f for name, f in found.items() if f is not None}
+        if figures:
+            family.draw(figures, docs / "pictures" / picture_name(family))
+    write(page(families(), kept, ""), docs / "hard-cases.md")
+    print("written: docs/hard-cases.md")
+
+
+def _tell(row: Row, kept: Kept) -> None:
+    said = verdict(row, kept.figures, kept.failure)
+    print(f"{row.name:24} {kept.seconds:6.1f} s {kept.memory:5.1f} GB  {said}", flush=True)
+
+
+def _listed(missed: list[str]) -> str:
+    return "; not: " + ", ".join(missed) if missed else ""
+
+
+if __name__ == "__main__":
+    typer.run(run)
