@@ -5,7 +5,7 @@ case  = configs/bias-1x3.yaml
 ranks = 2
 enter = env/enter
 
-.PHONY: help run paper test lint docs bench accuracy paraview-check clean clean-environment
+.PHONY: help run paper test lint docs bench accuracy hard paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -29,6 +29,9 @@ docs: ## write docs/parameters.md anew from the files in forms/
 
 bench: ## measure speed, as phases and ratios in one run
 	$(enter) python3 -m wovenfab.bench
+
+hard: ## run the hard cases, judge them and write docs/hard-cases.md
+	$(enter) python3 -m wovenfab.hard
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (a quarter of an hour)
 	$(enter) python3 -m wovenfab.bench.accuracy_page

@@ -27,6 +27,7 @@ LAYERS = (
     "wovenfab.paper",
     "wovenfab.commands",
     "wovenfab.bench",
+    "wovenfab.hard",
 )
 SOURCES = sorted((*(ROOT / "wovenfab").rglob("*.py"), *(ROOT / "forms").rglob("*.py")))
 
