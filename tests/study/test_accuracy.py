@@ -72,6 +72,7 @@ def studied(path: Path, budget: float) -> Study:
     return study(path, (), counted(path), budget, lambda *_: None)
 
 
+@pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
     found = studied(written(tmp_path, SPRINGS), 6.0)
     compliance = quad(lambda x: 1 / (1e5 * (1 + 0.9 * sin(7 * x))), 0, 1, epsabs=1e-16, limit=200)
@@ -94,6 +95,7 @@ def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
     assert found.chosen[0.01] is not None
 
 
+@pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_time_and_together_are_the_true_ones(tmp_path: Path) -> None:
     found = studied(written(tmp_path, PULL), 30.0)
     times = np.linspace(0, 2, 4001)

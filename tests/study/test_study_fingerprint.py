@@ -36,7 +36,6 @@ def test_the_contents_of_named_files_count(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(
         f"from: {BIAS}\n"
         "sheet: {shape: null, length: null, width: null, file: sheet.geo}\n"
-        "discretisation: {mesh: null}\n"
         "effects: {my_effect: {file: my_effect.py, stiffness: 1}}\n"
         "program: {type: table, file: u.csv}\n"
     )
