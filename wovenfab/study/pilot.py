@@ -25,6 +25,8 @@ PARTS = (2, 3, 4, 6, 8, 12, 16, 24, 32)
 DEGREES = (3, 4)
 #: Shares of the usual number of steps that are tried; half of the first begins.
 SHARES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0)
+#: Times the wanted error at which the next degree, which is dear to compile, is not tried.
+HOPELESS = 2.0
 #: Share of the machine's memory that a run may take.
 ROOM = 0.6
 
@@ -107,10 +109,12 @@ def _elements(
     failure: Failure | None = None
     for trial, sheet in _meshes(case, mesher, whole):
         traces: dict[int, Trace] = {}
+        room_is_out = False
         for degree in DEGREES:
             degrees = degree - 1, degree, degree + 1
             need = memory(_unknowns(trial, sheet, degrees[-1]))
             if need > room:
+                room_is_out = True
                 reason = f"the next finer elements need {need / 1e9:.2g} GB of memory"
                 break
             try:
@@ -127,11 +131,11 @@ def _elements(
             if best is None or best.estimate is None or found.worst < best.estimate.worst:
                 best = done
             tell(f"degree {degree}: error {found.worst:.2%}")
+            if _worst(ladder.errors(degrees[-1]), traces[degrees[-1]]) > HOPELESS * wanted:
+                break
             if found.worst <= accuracy and _worst(ladder.errors(degree), traces[degree]) <= wanted:
                 return done
-        else:
-            continue
-        if failure is None:
+        if room_is_out:
             break
     if best is None:
         why = f"no trial got to its end: {failure}" if failure else reason
