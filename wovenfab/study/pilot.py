@@ -131,7 +131,8 @@ def _elements(
             if best is None or best.estimate is None or found.worst < best.estimate.worst:
                 best = done
             tell(f"degree {degree}: error {found.worst:.2%}")
-            if _worst(ladder.errors(degrees[-1]), traces[degrees[-1]]) > HOPELESS * wanted:
+            promised = _worst(ladder.errors(degrees[-1]), traces[degrees[-1]])
+            if _is_sized(case) and promised > HOPELESS * wanted:
                 break
             if found.worst <= accuracy and _worst(ladder.errors(degree), traces[degree]) <= wanted:
                 return done
