@@ -5,14 +5,19 @@ from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
+from mpi4py import MPI
 
 from tests.report.sample import CASE, make
 from wovenfab.commands.report import report_results
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.cycle_table import read_cycles, write_cycles
+from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.history import read_history
 from wovenfab.record.provenance import Provenance
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.summary import read_summary, write_summary
 from wovenfab.report.pages.blocks import Table, Text, section
 from wovenfab.report.pages.comparison import default_place, flat, labels, write_comparison
 from wovenfab.report.pages.render import write_page
@@ -163,6 +168,28 @@ def test_a_page_does_without_what_a_run_did_not_write(
 def test_fields_that_cannot_be_read_are_told(small: Path) -> None:
     (small / "fields.h5").write_bytes(b"no HDF5")
     assert "no fields that can be read" in write_run_page(small).read_text()
+
+
+def test_a_loss_of_stability_is_told_and_shown(small: Path) -> None:
+    summary = read_summary(small)
+    loss = {"displacement_m": -0.0005, "force_N": -1234.0}
+    write_summary(small, summary | {"losses_of_stability": [loss], "saddles": 3}, MPI.COMM_SELF)
+    stored = read_fields(small)
+    wave = np.column_stack([0 * stored.points()[:, 0], np.sin(np.pi * stored.points()[:, 0] / 0.9)])
+    file = FieldFile(
+        small,
+        "mode",
+        triangles(stored.triangles()),
+        stored.points(),
+        {"displacement": "m", "mode": "1"},
+    )
+    file.add(0, 0.01, {"displacement": 0 * wave, "mode": wave})
+    reader = require_self_contained(write_run_page(small).read_text())
+    assert "Stability was lost at -500 µm under -1.23 kN." in reader.text.replace(
+        "\N{MINUS SIGN}", "-"
+    )
+    assert "3 states are saddles" in reader.text
+    assert "How it buckles, at a size that shows." in reader.spoken
 
 
 def test_a_part_that_fails_says_why_and_costs_no_other() -> None:

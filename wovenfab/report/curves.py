@@ -73,6 +73,7 @@ def energies(source: Source) -> Figure:
             axes.legend(loc="upper left")
         else:
             axes.text(0.5, 0.5, "none", transform=axes.transAxes, ha="center", color=QUIET)
+            axes.set(xticks=[], yticks=[], xlabel="", ylabel="")
     return figure
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.colors import Colormap, Normalize
 from numpy.typing import NDArray
 
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.style import DEGREE, Unit, fill, readable
+from wovenfab.report.style import DEGREE, Unit, both_ways, fill, readable
 
 Values = NDArray[np.float64]
 #: Share of the values within the colours; the rest, at corners mostly, takes the last colour.
@@ -88,7 +87,7 @@ def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
     return Scale(
         label=f"{look.label} ({shown.name})",
         factor=shown.factor,
-        ramp=mpl.colormaps["RdBu_r"] if signed else fill(),
+        ramp=both_ways() if signed else fill(),
         norm=Normalize(first * shown.factor, size * shown.factor),
         extend={(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(beyond, "neither"),
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
@@ -95,7 +96,8 @@ def readable(unit: str, largest: float) -> Unit:
 def said(value: float, unit: str) -> str:
     """Return a value (SI) as people write it, ``535 N``, with three digits."""
     shown = readable(unit, value)
-    return f"{value * shown.factor:.3g}\N{NO-BREAK SPACE}{shown.name}"
+    number = f"{value * shown.factor:.3g}".replace("-", "\N{MINUS SIGN}")
+    return f"{number}\N{NO-BREAK SPACE}{shown.name}"
 
 
 def sequence(count: int) -> list[tuple[float, ...]]:
@@ -110,6 +112,12 @@ def fill() -> Colormap:
     """Return the map of fields: nothing is pale, much is strong, never as dark as a yarn."""
     ramp = mpl.colormaps["YlOrBr"]
     return LinearSegmentedColormap.from_list("fill", [ramp(0.74 * i / 63) for i in range(64)])
+
+
+def both_ways() -> Colormap:
+    """Return the map of fields with a sign: nothing is white, neither end as dark as a yarn."""
+    ramp, shares = mpl.colormaps["RdBu_r"], np.linspace(0.14, 0.86, 65)
+    return LinearSegmentedColormap.from_list("both ways", [ramp(share) for share in shares])
 
 
 def save(figure: Figure, path: Path, origin: Provenance | None = None) -> Path:

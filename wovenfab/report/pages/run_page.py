@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from wovenfab.record.cycle_table import read_cycles
-from wovenfab.record.field_file import DATA
+from wovenfab.record.field_file import DATA, MODE
 from wovenfab.record.stored_fields import StoredFields, read_fields
 from wovenfab.record.summary import read_summary
 from wovenfab.report import curves
@@ -20,6 +20,7 @@ from wovenfab.report.extremes import extremes
 from wovenfab.report.looks import LOOKS, painted_fields
 from wovenfab.report.loop import loop
 from wovenfab.report.mesh import mesh
+from wovenfab.report.mode import mode
 from wovenfab.report.pages.blocks import Block, Section, Text, raster, section, vector
 from wovenfab.report.pages.render import write_page
 from wovenfab.report.pages.tables import computation_table, cycle_table, grouped
@@ -85,11 +86,22 @@ def write_run_page(directory: str | Path) -> Path:
     return write_page(
         Path(directory) / PAGE,
         run.source.title,
-        [run.outcome, *_missing(run)],
+        [run.outcome, *_stability(run.summary), *_missing(run)],
         headline(run),
         list(_sections(untitled)),
         origin_of(directory),
     )
+
+
+def _stability(summary: Mapping[str, Any]) -> list[str]:
+    """Return what a run tells of stability, in sentences."""
+    found = [
+        f"Stability was lost at {said(loss['displacement_m'], 'm')} under "
+        f"{said(loss['force_N'], 'N')}."
+        for loss in summary.get("losses_of_stability", [])
+    ]
+    saddles = summary.get("saddles", 0)
+    return found + ([f"{saddles} states are saddles: no sheet would stay on them."] * (saddles > 0))
 
 
 def _missing(run: Run) -> list[str]:
@@ -140,6 +152,7 @@ def _sections(run: Run) -> Iterator[Section]:
             "Sheet and yarns",
             lambda: [raster(mesh(source, stored), "The mesh at rest and the yarns' directions.")],
             lambda: [raster(deformed(source, stored), "The sheet at its largest displacement.")],
+            lambda: _mode(source),
         )
         yield section("Fields", lambda: _fields(source, stored))
     yield section("Solver", lambda: _solver(source, summary))
@@ -154,6 +167,13 @@ def _cycles(run: Run) -> Sequence[Block]:
     )
     table = [cycle_table(rows)] if rows else []
     return [*table, vector(curves.losses(run.source), "losses", caption)]
+
+
+def _mode(source: Source) -> Sequence[Block]:
+    if not (source.directory / f"{MODE}.h5").exists():
+        return []
+    lost = read_fields(source.directory, MODE)
+    return [raster(mode(source, lost), "How it buckles, at a size that shows.")]
 
 
 def _fields(source: Source, stored: StoredFields) -> Sequence[Block]:
