@@ -5,7 +5,7 @@ case  = configs/bias-1x3.yaml
 ranks = 2
 enter = env/enter
 
-.PHONY: help run paper test lint docs bench accuracy hard paraview-check clean clean-environment
+.PHONY: help run paper pictures test lint docs bench accuracy hard paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -15,6 +15,12 @@ run: ## compute the bias-extension loop on 2 ranks into results/bias-1x3
 
 paper: ## run the paper's figures, measure its claims, write docs/paper.md; goes on where it was
 	$(enter) wovenfab paper configs/paper -o results/paper --docs docs
+
+pictures: ## draw the pictures of README.md and docs/effects.md again, of the code as committed
+	$(enter) mpirun -n 2 wovenfab run configs/bias-1x3.yaml --overwrite
+	$(enter) wovenfab effects configs/bias-1x3.yaml --set program.amplitudes=40mm --set time.steps_per_cycle=40
+	cp results/bias-1x3/loop.png results/bias-1x3/deformed.png docs/pictures
+	cp results/bias-1x3-effects/effects.png docs/pictures
 
 test: lint ## style, types and all tests but the slow ones
 	$(enter) pytest -n 2 -m "not mpi and not slow"

@@ -1,5 +1,6 @@
 """Every picture says which command and which commit made it."""
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -16,7 +17,21 @@ from wovenfab.report.stamp import faults, read_stamp
 from wovenfab.report.style import save
 
 ROOT = Path(__file__).parents[2]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+PICTURES = sorted(
+    path for path in (ROOT / "docs").rglob("*") if path.suffix in (".png", ".svg", ".gif")
+)
 ORIGIN = Provenance("wovenfab run 'a b.yaml' --set x=\"1 <m>\"", "0123456789ab")
+
+
+@pytest.mark.parametrize("path", PICTURES, ids=lambda path: path.name)
+def test_a_picture_of_the_documents_says_how_it_was_made(path: Path) -> None:
+    origin = read_stamp(path)
+    assert faults(origin) == [], "make pictures"
+    shown = [t for t in map(Path.read_text, DOCUMENTS) if re.search(rf"\]\([^)]*{path.name}\)", t)]
+    assert shown, "no document shows it"
+    for text in shown:
+        assert all(command in text for command in origin.command.split("; ")), origin.command
 
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
