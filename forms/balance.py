@@ -92,18 +92,30 @@ class Line:
     vary: Callable[[Any], list[Any]]
     measure: Any
 
-    def energy(self, place: Any) -> Any:
-        """Return the energy per length of all terms at a place."""
-        return sum(energy(place, term.values) for term, energy in self.terms)
+    def potential(self) -> Any:
+        """Return the energy (J), each term times its weight."""
+        weighted = (term.weight * energy(self.place, term.values) for term, energy in self.terms)
+        return sum(weighted) * self.measure
 
-    def weighted(self) -> Any:
-        """Return the energy per length, each term times its weight."""
-        return sum(term.weight * energy(self.place, term.values) for term, energy in self.terms)
+    def residual(self, test: Any) -> Any:
+        """Return the first variation of the energy (N) for a test field."""
+        return first_variation(self._energy, self.place, self.vary(test)) * self.measure
+
+    def jacobian(self, trial: Any, test: Any) -> Any:
+        """Return the second variation of the energy for a trial and a test field."""
+        s, t = self.vary(trial), self.vary(test)
+        return second_variation(self._energy, self.place, s, t) * self.measure
+
+    def _energy(self, place: Any) -> Any:
+        return sum(energy(place, term.values) for term, energy in self.terms)
 
 
 @dataclass(frozen=True)
 class Balance:
     """Everything that the balance of one scene is made of, as symbols.
+
+    Its own forms are those inside the sheet and of the loads. What stands on facets is
+    of one family only and in :meth:`lines`, to be assembled for the unknowns of that one.
 
     Attributes:
         terms: The effects of the scene.
@@ -113,6 +125,7 @@ class Balance:
         degree: Degree of the elements.
         quadrature: Quadrature degree of all integrals.
         penalty: sigma of the interior penalty, None for the automatic one.
+        facets: For each family, measure of the interior facets that its fibres cross.
         held_edges: For each family, measure of the edges that hold its yarn directions,
             or None.
         loads: Dead loads.
@@ -126,6 +139,7 @@ class Balance:
     degree: int
     quadrature: int
     penalty: Any | None = None
+    facets: Pair = (ufl.dS, ufl.dS)
     held_edges: tuple[Any | None, Any | None] = (None, None)
     loads: tuple[Load, ...] = ()
     load_weight: Any = 1
@@ -139,8 +153,6 @@ class Balance:
         """Return the incremental potential (J), each term times its weight."""
         point = self._point(self.field)
         total = sum(t.weight * self._density(t, point) for t in self.terms) * self._dx
-        for line in self.lines():
-            total += line.weighted() * line.measure
         for load in self.loads:
             total -= self.load_weight * load.work(self.field)
         return total
@@ -162,8 +174,6 @@ class Balance:
         """Return the first variation of the potential (N) for a test field."""
         point = self._point(self.field)
         total = first_variation(self._density_of(self.terms), point, self._vary(test)) * self._dx
-        for line in self.lines():
-            total += first_variation(line.energy, line.place, line.vary(test)) * line.measure
         for load in self.loads:
             total -= load.work(test)
         return total
@@ -186,11 +196,7 @@ class Balance:
         for term in mixed:
             strains = _bound(term.effect.strains, term.values)
             total += mixed_variation(strains, point, self._point(last), s, t)
-        total *= self._dx
-        for line in self.lines():
-            s, t = line.vary(trial), line.vary(test)
-            total += second_variation(line.energy, line.place, s, t) * line.measure
-        return total
+        return total * self._dx
 
     @property
     def _dx(self) -> Any:
@@ -228,25 +234,28 @@ class Balance:
     def _density_of(self, terms: Sequence[Term]) -> Callable[[Point], Any]:
         return lambda point: sum(self._density(t, point) for t in terms)
 
-    def lines(self) -> list[Line]:
-        """Return the integrals over facets and over edges that hold yarn directions."""
-        mesh = ufl.domain.extract_unique_domain(self.field)
+    def lines(self, family: int, field: Any) -> list[Line]:
+        """Return one family's integrals over facets and over edges that hold its directions.
+
+        Args:
+            family: 0 or 1.
+            field: Its displacement, shape (2,), m.
+        """
+        mesh = ufl.domain.extract_unique_domain(field)
         normal, rule = ufl.FacetNormal(mesh), {"quadrature_degree": self.quadrature}
         on_facets = [(t, t.effect.facet_energy) for t in self.terms if t.effect.facet_energy]
         on_edges = [(t, t.effect.edge_energy) for t in self.terms if t.effect.edge_energy]
-        found = []
-        for a in (0, 1):
-            if on_facets:
-                penalty = facet_penalty(mesh, self.degree, self.penalty)
-                facet = facet_of(self.field, self.fibres, a, penalty, normal)
-                vary = partial(facet_variation, fibres=self.fibres, family=a)
-                found.append(Line(facet, on_facets, vary, ufl.dS(metadata=rule)))
-            held = self.held_edges[a]
-            if on_edges and held is not None:
-                penalty = edge_penalty(mesh, self.degree, self.penalty)
-                edge = edge_of(self.field, self.fibres, a, penalty, normal)
-                vary = partial(edge_variation, fibres=self.fibres, family=a)
-                found.append(Line(edge, on_edges, vary, held(metadata=rule)))
+        found, held = [], self.held_edges[family]
+        if on_facets:
+            penalty = facet_penalty(mesh, self.degree, self.penalty)
+            facet = facet_of(field, self.fibres, family, penalty, normal)
+            vary = partial(facet_variation, fibres=self.fibres, family=family)
+            found.append(Line(facet, on_facets, vary, self.facets[family](metadata=rule)))
+        if on_edges and held is not None:
+            penalty = edge_penalty(mesh, self.degree, self.penalty)
+            edge = edge_of(field, self.fibres, family, penalty, normal)
+            vary = partial(edge_variation, fibres=self.fibres, family=family)
+            found.append(Line(edge, on_edges, vary, held(metadata=rule)))
         return found
 
 

@@ -9,8 +9,15 @@ from math import pi
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
+from petsc4py import PETSc
 
 from forms.catalogue import effects
+from wovenfab.model.assembly import (
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    create_matrix,
+)
 from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.rectangle import rectangle
@@ -109,7 +116,21 @@ def march(
 
 def energy(of: Model) -> float:
     """Return the incremental potential (J) of the present field."""
-    return float(of.comm.allreduce(fem.assemble_scalar(of.potential)))
+    return assemble_scalar(of.potential, of.comm)
+
+
+def internal_force(of: Model) -> PETSc.Vec:
+    """Return the residual (N) before boundary conditions as a new vector."""
+    vector = of.field.x.petsc_vec.duplicate()
+    assemble_vector(vector, of.residual)
+    return vector
+
+
+def tangent(of: Model, bcs: Sequence[fem.DirichletBC] = ()) -> PETSc.Mat:
+    """Return the tangent of the present field as a new matrix."""
+    matrix = create_matrix(of.jacobian)
+    assemble_matrix(matrix, of.jacobian, bcs)
+    return matrix
 
 
 def set_field(function: fem.Function, displacement: object) -> None:

@@ -11,6 +11,7 @@ import pytest
 from mpi4py import MPI
 from ruamel.yaml import YAML
 
+from tests import scenes
 from wovenfab.case import CaseError, read_case
 from wovenfab.simulation.assemble import constraints_of, model_of, sheet_of
 
@@ -76,14 +77,11 @@ def test_a_combination_that_is_taken_is_stable_at_rest(
     names: list[str], write_case: WriteCase
 ) -> None:
     """The tangent of a first step, scaled to a unit diagonal, is positive definite."""
-    from dolfinx.fem.petsc import assemble_matrix
-
     case = read_case(write_case(case_of(names)))
     model = model_of(case, sheet_of(case, MPI.COMM_SELF))
     for weight, value in zip(model.rate_weights, (100.0, -100.0, 0.0), strict=False):
         weight.value = value
-    matrix = assemble_matrix(model.jacobian, bcs=constraints_of(case, model).bcs)
-    matrix.assemble()
+    matrix = scenes.tangent(model, constraints_of(case, model).bcs)
     dense = matrix.convert("dense").getDenseArray()
     scale = np.sqrt(np.diag(dense))
     least = np.linalg.eigvalsh((dense + dense.T) / 2 / np.outer(scale, scale))[0]

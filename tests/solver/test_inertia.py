@@ -28,9 +28,11 @@ def pushed(
 
 
 def tangent(equilibrium: Equilibrium) -> NDArray[np.float64]:
+    """Return both halves of the tangent of the present state."""
     equilibrium._assemble_tangent()
-    everything = np.arange(equilibrium._matrix.getSize()[0], dtype=np.int32)
-    values: NDArray[np.float64] = equilibrium._matrix.getValues(everything, everything)
+    matrix = scenes.tangent(equilibrium._model, equilibrium._constraints.bcs)
+    values: NDArray[np.float64] = matrix.convert("dense").getDenseArray().copy()
+    matrix.destroy()
     assert np.abs(values - values.T).max() < 1e-12 * np.abs(values).max()
     return values
 

@@ -162,7 +162,7 @@ def test_a_failure_says_when_where_and_why() -> None:
 
 def poisoned(monkeypatch: pytest.MonkeyPatch, calls: range, where: object) -> None:
     """Let the numbered assemblies of the residual give NaN at some unknowns."""
-    whole, number = solver_module.fem_petsc.assemble_vector, count()
+    whole, number = solver_module.assemble_vector, count()
 
     def assemble(b: object, form: object, *more: object) -> object:
         result = whole(b, form, *more)
@@ -170,7 +170,7 @@ def poisoned(monkeypatch: pytest.MonkeyPatch, calls: range, where: object) -> No
             b.array_w[where] = np.nan  # type: ignore[attr-defined]
         return result
 
-    monkeypatch.setattr(solver_module.fem_petsc, "assemble_vector", assemble)
+    monkeypatch.setattr(solver_module, "assemble_vector", assemble)
 
 
 def held_unknowns(model: Model) -> np.ndarray:
@@ -206,9 +206,7 @@ def test_a_nan_that_passes_costs_a_cut_back_and_nothing_else(
 
 
 def test_a_singular_tangent_ends_as_a_failure_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        solver_module.fem_petsc, "assemble_matrix", lambda matrix, *_: matrix.zeroEntries()
-    )
+    monkeypatch.setattr(solver_module, "assemble_matrix", lambda matrix, *_: matrix.zeroEntries())
     steps, _, failure = run(bonded(), pull(0.04, 2), Controls(), smallest_step=0.5)
     assert len(steps) == 1
     assert failure is not None and failure.outcome.reason.startswith("DIVERGED")

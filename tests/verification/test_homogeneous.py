@@ -7,7 +7,6 @@ from math import cos, pi, sin, sqrt, tan
 import numpy as np
 import pytest
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
@@ -50,7 +49,7 @@ def work_of_forces(model: Model, velocity: np.ndarray) -> float:
 
 
 def internal_force(model: Model) -> np.ndarray:
-    vector = fem_petsc.assemble_vector(model.residual)
+    vector = scenes.internal_force(model)
     values = vector.array_r.copy()
     vector.destroy()
     return values

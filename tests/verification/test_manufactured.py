@@ -85,7 +85,7 @@ def solve(model: Model) -> None:
     edge = exterior_facet_indices(mesh.topology)
     families = range(model.placements.count)
     blocks = np.sort(np.concatenate([model.placements.on_facets(edge, a) for a in families]))
-    bc = fem.dirichletbc(held, blocks)
+    bcs = [fem.dirichletbc(fem.Function(s, held.x), blocks) for s in model.placements.spaces]
     force = fem_petsc.assemble_vector(compile_form(load(model, u, test)))
     force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
     model.field.x.array[:] = held.x.array
@@ -94,11 +94,10 @@ def solve(model: Model) -> None:
     solver.getPC().setType("lu")
     for _ in range(20):
         model.last.x.array[:] = model.field.x.array
-        matrix = fem_petsc.assemble_matrix(model.jacobian, [bc])
-        matrix.assemble()
-        residual = fem_petsc.assemble_vector(model.residual)
+        matrix = scenes.tangent(model, bcs)
+        residual = scenes.internal_force(model)
         residual.axpy(-1.0, force)
-        fem_petsc.set_bc(residual, [bc], model.field.x.petsc_vec, -1.0)
+        fem_petsc.set_bc(residual, bcs, model.field.x.petsc_vec, -1.0)
         size = residual.norm()
         change = residual.duplicate()
         solver.setOperators(matrix)

@@ -75,7 +75,8 @@ class Constraints:
     An unknown that two edges hold (a corner) belongs to the edge named first.
 
     Attributes:
-        bcs: Boundary conditions for dolfinx.
+        bcs: Boundary conditions for dolfinx: the same for the space of both placements and
+            for that of each; each form takes those of its own space.
         edges: Names of the edges that hold anything.
     """
 
@@ -93,7 +94,10 @@ class Constraints:
         self._parts = _parts(placements, sheet, grips)
         held = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
         dofs = np.sort(np.concatenate(held))
-        self.bcs = [fem.dirichletbc(self._values, [dofs, dofs], placements.space)]
+        self.bcs = [
+            fem.dirichletbc(fem.Function(space, self._values.x), [dofs, dofs], space)
+            for space in placements.spaces
+        ]
 
     def set(self, program: float, share: float = 1.0) -> None:
         """Prescribe the placements for a program value (m), or a share of them."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,9 @@ from mpi4py import MPI
 
 from forms.balance import Balance, Rate, Term
 from forms.effect import Effect
+from wovenfab.model.assembly import Sum, assemble_scalar
 from wovenfab.model.compiler import compile_forms
+from wovenfab.model.facets import crossed_facets
 from wovenfab.model.loads import EdgeLoad, Loading, loading_of
 from wovenfab.model.placements import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
@@ -60,7 +63,7 @@ class Model:
         friction: Factor of all friction: 1, or 0 where the sheet shall come to rest.
         loading: The dead loads.
         balance: The symbolic balance.
-        residual, jacobian, potential: Compiled forms.
+        residual, jacobian, potential: Sums of compiled forms.
         power: Compiled form of the dissipated power; None without friction.
         weights: Constant that scales an effect's share in potential and power.
     """
@@ -75,9 +78,9 @@ class Model:
     friction: fem.Constant
     loading: Loading
     balance: Balance
-    residual: fem.Form
-    jacobian: fem.Form
-    potential: fem.Form
+    residual: Sum
+    jacobian: Sum
+    potential: Sum
     power: fem.Form | None
     weights: Mapping[str, fem.Constant]
 
@@ -100,17 +103,17 @@ class Model:
     @property
     def facet_integrals(self) -> int:
         """Number of compiled integrals over interior facets, all forms together."""
-        forms = (self.jacobian, self.residual, self.potential, self.power)
-        kinds = [kind for form in forms if form is not None for kind in form.integral_types]
+        forms = (*self.jacobian, *self.residual, *self.potential)
+        kinds = [kind for form in forms for kind in form.integral_types]
         return kinds.count(IntegralType.interior_facet)
 
-    def shares(self, form: fem.Form, names: Sequence[str]) -> dict[str, float]:
-        """Return each named effect's share of a weighted scalar form (J or W)."""
+    def shares(self, forms: Sum, names: Sequence[str]) -> dict[str, float]:
+        """Return each named effect's share of weighted scalar forms (J or W)."""
         result = {}
         for name in names:
             for other, weight in self.weights.items():
                 weight.value = 1.0 if other == name else 0.0
-            result[name] = self.comm.allreduce(fem.assemble_scalar(form), op=MPI.SUM)
+            result[name] = assemble_scalar(forms, self.comm)
         for weight in self.weights.values():
             weight.value = 1.0
         return result
@@ -123,7 +126,7 @@ class Model:
         """Return the dissipated power (W) by effect; empty without friction."""
         if self.power is None:
             return {}
-        return self.shares(self.power, [e.name for e in self.effects if e.dissipative])
+        return self.shares((self.power,), [e.name for e in self.effects if e.dissipative])
 
 
 def build_model(
@@ -164,21 +167,15 @@ def build_model(
         degree=numerics.degree,
         quadrature=numerics.quadrature or 2 * numerics.degree,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
+        facets=(crossed_facets(mesh, sheet.fibres[0]), crossed_facets(mesh, sheet.fibres[1])),
         held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
         loads=loading.loads,
         load_weight=load_weight,
     )
-    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
-    power = balance.power()
-    jacobian, residual, potential, *rest = compile_forms(
-        [
-            balance.jacobian(trial, test, last if numerics.mixed else None),
-            balance.residual(test),
-            balance.potential(),
-            *([] if power is None else [power]),
-        ],
-        mesh.comm,
-    )
+    forms = _forms_of(balance, placements, last if numerics.mixed else None)
+    compiled = iter(compile_forms([f for part in forms for f in part], mesh.comm))
+    sums = list(zip_longest(*([next(compiled) for _ in part] for part in forms)))
+    jacobian, residual, potential, *power = (tuple(f for f in s if f is not None) for s in sums)
     return Model(
         sheet=sheet,
         effects=tuple(effects),
@@ -193,9 +190,31 @@ def build_model(
         residual=residual,
         jacobian=jacobian,
         potential=potential,
-        power=rest[0] if rest else None,
+        power=power[0][0] if power else None,
         weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
     )
+
+
+def _forms_of(balance: Balance, placements: Placements, last: Any) -> list[list[Any]]:
+    """Return tangent, residual, potential (and power): inside the sheet, then on its lines.
+
+    The lines of both families have the same kernels where they are made alike.
+    """
+    trial, test = ufl.TrialFunction(placements.space), ufl.TestFunction(placements.space)
+    power = balance.power()
+    inside = [balance.jacobian(trial, test, last), balance.residual(test), balance.potential()]
+    forms = [inside if power is None else [*inside, power]]
+    for family, space in enumerate(placements.families):
+        trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+        if lines := balance.lines(family, fem.Function(space, balance.field.x)):
+            forms.append(
+                [
+                    sum(line.jacobian(trial, test) for line in lines),
+                    sum(line.residual(test) for line in lines),
+                    sum(line.potential() for line in lines),
+                ]
+            )
+    return forms
 
 
 def _constant(mesh: Any, value: Any) -> fem.Constant:

@@ -40,6 +40,8 @@ class Placements:
         count: 1 or 2.
         positions: Reference position of each block of this rank, shape (n, 2), m.
         blocks: Blocks of each local cell, shape (cells, nodes, count).
+        families: For each family the space of its placement alone, whose unknowns have
+            the same numbers; with one placement both are the whole space.
         doubled: Number of blocks that lines have added, over all ranks.
     """
 
@@ -47,7 +49,13 @@ class Placements:
     count: int
     positions: Array
     blocks: Ints
+    families: tuple[fem.FunctionSpace, fem.FunctionSpace]
     doubled: int = 0
+
+    @property
+    def spaces(self) -> tuple[fem.FunctionSpace, ...]:
+        """All spaces that forms live on."""
+        return (self.space,) if self.count == 1 else (self.space, *self.families)
 
     @property
     def owned(self) -> int:
@@ -102,9 +110,9 @@ def placements_on(
     places = np.ascontiguousarray(scalar.tabulate_dof_coordinates()[:, :2])
     if count == 1:
         space = fem.functionspace(mesh, element)
-        return Placements(space, count, places, nodes[:, :, None])
+        return Placements(space, count, places, nodes[:, :, None], (space, space))
     cut = [_Cut.along(scalar, places, np.reshape(lines, (-1, 2, 2))) for lines in jumps]
-    return _doubled(scalar, element, places, cut)
+    return _doubled(scalar, element, places, cut, degree)
 
 
 @dataclass(frozen=True)
@@ -150,7 +158,7 @@ class _Cut:
 
 
 def _doubled(
-    scalar: fem.FunctionSpace, element: Any, places: Array, cuts: Sequence[_Cut]
+    scalar: fem.FunctionSpace, element: Any, places: Array, cuts: Sequence[_Cut], degree: int
 ) -> Placements:
     """Return the space of two placements with doubled nodes; collective.
 
@@ -199,7 +207,13 @@ def _doubled(
             positions[local[local >= 0]] = places[local >= 0]
     doubled = mesh.comm.allreduce(size - 2 * own, op=MPI.SUM)
     space = space_with(mesh, element, index_map, blocks.reshape(len(blocks), -1))
-    return Placements(space, 2, positions, blocks, doubled)
+    single = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(2,))
+    first_family, second_family = (
+        space_with(mesh, single, index_map, np.ascontiguousarray(blocks[:, :, family]))
+        for family in (0, 1)
+    )
+    families = (first_family, second_family)
+    return Placements(space, 2, positions, blocks, families, doubled)
 
 
 def _extent(mesh: Mesh) -> float:

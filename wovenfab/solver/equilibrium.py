@@ -12,12 +12,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from wovenfab.model.assembly import (
+    assemble_matrix,
+    assemble_scalar,
+    assemble_vector,
+    create_matrix,
+)
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
@@ -97,11 +102,13 @@ class Equilibrium:
         self._constraints = constraints
         self._controls = controls
         self.barrier = Barrier(model)
-        self._matrix = fem_petsc.create_matrix(model.jacobian)
-        self._matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         self._residual = model.field.x.petsc_vec.duplicate()  # ghosted
         self._solution = self._residual.duplicate()
         self._diagonal = self._residual.duplicate()
+        self._snes = self._create_snes()
+        cholesky = self._snes.getKSP().getPC().getType() == "cholesky"
+        self._matrix = create_matrix(model.jacobian, upper=cholesky)
+        self._snes.setJacobian(self._evaluate_jacobian, self._matrix)
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
         self._assembled = self.force.copy()  # where the tangent was formed
         self.saddle_at_start = False
@@ -121,7 +128,6 @@ class Equilibrium:
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         largest = float(mesh.h(2, cells).max(initial=0.0))
         self._cell_size = float(model.comm.allreduce(largest, op=MPI.MAX))
-        self._snes = self._create_snes()
         self.inertia = Inertia(
             self._snes.getKSP(),
             self._matrix,
@@ -133,7 +139,6 @@ class Equilibrium:
         snes = PETSc.SNES().create(self._model.comm)
         snes.setType("newtonls")
         snes.setFunction(self._evaluate_residual, self._residual)
-        snes.setJacobian(self._evaluate_jacobian, self._matrix)
         snes.setObjective(self._evaluate_objective)
         snes.setLineSearchPreCheck(self._limit_step)
         snes.setConvergenceTest(self._test)
@@ -231,9 +236,7 @@ class Equilibrium:
         field.x.scatter_forward()
 
     def _assemble_force(self, b: Any) -> None:
-        with b.localForm() as local:
-            local.set(0.0)
-        fem_petsc.assemble_vector(b, self._model.residual)
+        assemble_vector(b, self._model.residual)
 
     def _evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
         """Residual with the prescribed values lifted, so that one step attains them."""
@@ -248,16 +251,15 @@ class Equilibrium:
         if not self._attained:
             with b.localForm() as local:
                 local.array_w[b.getLocalSize() :] = 0.0
-            fem_petsc.apply_lifting(b, [self._model.jacobian], [bcs], [at], -1.0)
+            for form in self._model.jacobian:
+                fem_petsc.apply_lifting(b, [form], [bcs], [at], -1.0)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(b, bcs, at, -1.0)
 
     def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         self._load(x)
         self._assembled[:] = x.array_r
-        matrix.zeroEntries()
-        fem_petsc.assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
-        matrix.assemble()
+        assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
         # Strains are differences of displacements, which are known to a rounding error of
         # their own size, and of the cell's where they are small.
         matrix.getDiagonal(self._diagonal)
@@ -276,8 +278,7 @@ class Equilibrium:
 
     def energy(self) -> float:
         """Return the incremental potential (J) of the model's present field; collective."""
-        mine = fem.assemble_scalar(self._model.potential)
-        return float(self._model.comm.allreduce(mine, op=MPI.SUM))
+        return assemble_scalar(self._model.potential, self._model.comm)
 
     def _limit_step(self, x: Any, y: Any) -> bool:
         """Shorten the step so that x - y is admissible and lowers the potential."""
