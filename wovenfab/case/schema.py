@@ -162,6 +162,9 @@ class Solver(Section):
     tangent: Literal["mixed", "plain"] = "mixed"
     """Mixed-integration-point tangent, which suits stiff yarns, or the plain one."""
 
+    predictor: Literal["quadratic", "none"] = "quadratic"
+    """Whether a step starts from the motion extrapolated, or from the last state."""
+
     stability: Literal["stop", "follow", "ignore"] = "stop"
     """Where the sheet buckles: stop, follow the branch of minima, or stay on the saddle."""
 

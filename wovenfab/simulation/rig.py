@@ -69,6 +69,7 @@ def rig_of(case: Case, sheet: Sheet, stability: Treatment | None = None) -> Iter
         scheme,
         case.time.smallest_step,
         stability or case.solver.stability,
+        case.solver.predictor == "quadratic",
     )
     try:
         yield Rig(model, constraints, program, march, driven_edge(case))

@@ -67,6 +67,7 @@ class March:
         scheme: Scheme,
         smallest_step: float,
         treatment: Treatment = "stop",
+        predict: bool = True,
     ) -> None:
         """Start from the reference state.
 
@@ -78,6 +79,7 @@ class March:
             scheme: The time scheme.
             smallest_step: Share of a planned step below which cutting back ends.
             treatment: What is done where stability is lost.
+            predict: Start a step from the extrapolated motion, not from the last state.
         """
         self._model = model
         self._constraints = constraints
@@ -86,6 +88,7 @@ class March:
         self._scheme = scheme
         self._smallest = smallest_step
         self._pace = Pace(smallest_step)
+        self._predicts = predict
         own = model.placements.owned
         self._stability = Stability(model, constraints, equilibrium, treatment)
         size = model.field.x.array.size
@@ -213,7 +216,7 @@ class March:
         """Start from the extrapolated motion, unless that would cross the families."""
         field, step = self._model.field, self._equilibrium.barrier.step
         field.x.array[:] = self._states[0]
-        if jump or not self._steps or ahead > FARTHEST_AHEAD * self._steps[0]:
+        if not self._predicts or jump or not self._steps or ahead > FARTHEST_AHEAD * self._steps[0]:
             return
         step.x.array[:] = extrapolation(self._states, self._steps, ahead)
         if self._equilibrium.barrier.limit() > 2.0:

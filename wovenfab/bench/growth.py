@@ -1,0 +1,72 @@
+"""How time and memory grow with the unknowns, and what a second rank brings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from wovenfab.bench.figure import Figure
+from wovenfab.bench.probe import Sample, sample
+from wovenfab.bench.textbook import Law
+
+#: Cell sizes (mm): about 5k, 20k, 80k, 200k and 500k unknowns at degree 3.
+SIZES = (65.0, 32.0, 16.0, 10.0, 6.3)
+#: The one of 200k unknowns, for which ranks are compared.
+COMPARED = 10.0
+STEPS = ("program={type: ramp, to: 0.5 mm, steps: 2, duration: 4 ms}", "solver.stability=ignore")
+PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "growth.png"
+
+
+def growth() -> list[Figure]:
+    """Print and draw time and memory of a step; return the exponents and the speed-up."""
+    samples = []
+    for size in SIZES:
+        samples.append(_run(size))
+        s = samples[-1]
+        print(
+            f"{s.unknowns:8d} unknowns {s.seconds / s.steps:8.2f} s a step "
+            f"({s.iterations / s.steps:.1f} iterations) {s.memory / 1e6:8.0f} MB",
+            flush=True,
+        )
+    unknowns = [s.unknowns for s in samples]
+    seconds = Law.fitted(unknowns, [s.seconds / s.iterations for s in samples])
+    memory = Law.fitted(unknowns, [s.memory for s in samples])
+    _draw(samples, seconds, memory)
+    one, two = _run(COMPARED), _run(COMPARED, ranks=2)
+    meaning = f"fit over {unknowns[0]} to {unknowns[-1]} unknowns, degree 3, MUMPS, 1 rank"
+    return [
+        Figure("growth of the time of an iteration", seconds.power, 1.25, "", meaning),
+        Figure("growth of the memory", memory.power, 1.2, "", meaning),
+        Figure(
+            "2 ranks over 1",
+            one.seconds / two.seconds,
+            1.6,
+            "x",
+            f"{one.seconds:.1f} over {two.seconds:.1f} s, {one.unknowns} unknowns",
+            at_least=True,
+        ),
+    ]
+
+
+def _run(size: float, ranks: int = 1) -> Sample:
+    return sample((f"discretisation.mesh_size={size}mm", *STEPS), ranks)
+
+
+def _draw(samples: list[Sample], seconds: Law, memory: Law) -> None:
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), layout="constrained")
+    x = [s.unknowns for s in samples]
+    for axis, values, law, name in (
+        (axes[0], [s.seconds / s.iterations for s in samples], seconds, "time of an iteration (s)"),
+        (axes[1], [s.memory / 1e6 for s in samples], memory, "memory (MB)"),
+    ):
+        scale = 1e-6 if axis is axes[1] else 1.0
+        axis.loglog(x, values, "o", color="C0")
+        axis.loglog(x, [scale * law(n) for n in x], color="C1", label=f"N^{law.power:.2f}")
+        axis.set(xlabel="unknowns", ylabel=name)
+        axis.legend(frameon=False)
+    figure.savefig(PICTURE, dpi=150)
+    plt.close(figure)
