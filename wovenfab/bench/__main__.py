@@ -5,11 +5,22 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 
+from wovenfab.bench.assembly import assembly
 from wovenfab.bench.cold_start import cold_start
+from wovenfab.bench.default import default
 from wovenfab.bench.effects import cost_of_effects
 from wovenfab.bench.figure import Figure, Section
+from wovenfab.bench.growth import growth
+from wovenfab.bench.textbook import textbook
 
-SECTIONS: Mapping[str, Section] = {"cold-start": cold_start, "effects": cost_of_effects}
+SECTIONS: Mapping[str, Section] = {
+    "cold-start": cold_start,
+    "effects": cost_of_effects,
+    "default": default,
+    "assembly": assembly,
+    "textbook": textbook,
+    "growth": growth,
+}
 
 
 def main(wanted: Sequence[str], sections: Mapping[str, Section] = SECTIONS) -> int:

@@ -16,7 +16,7 @@ CASE = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
 #: One small step of the default case: the same kernels, hence the same compilation.
 ONE_STEP = "program={type: ramp, to: 0.03 mm, steps: 1, duration: 1.6 ms}"
 #: Longest cold start that is accepted (s).
-LIMIT = 30.0
+LIMIT = 15.0
 MEANING = "from the command to the end of one step, nothing compiled beforehand"
 
 

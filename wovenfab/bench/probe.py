@@ -59,7 +59,7 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
 
     comm = MPI.COMM_WORLD
     before = _peak()
-    case = read_case(case_file, overrides)
+    case = read_case(Path(case_file), overrides)
     sheet = assemble.sheet_of(case, comm)
     model = assemble.model_of(case, sheet)
     constraints = assemble.constraints_of(case, model)

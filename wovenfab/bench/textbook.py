@@ -102,7 +102,7 @@ def textbook() -> list[Figure]:
     space = np.array([np.abs(_values(s) - at_few) / exact for s in samples])
     # The error in time, from its change with the steps: e(n) - e(2n) = e(n) (1 - 2^-order).
     halved = np.abs(_values(slow[1]) - _values(slow[0])) / exact
-    in_space = [Law.fitted(SIZES, space[:, i]) for i in (0, 1)]
+    in_space = [Law.fitted(SIZES, [float(e) for e in space[:, i]]) for i in (0, 1)]
     in_time = [Law(2 * float(e) * STEPS, -1.0) for e in halved]
     unknowns = Law.fitted(SIZES, [s.unknowns for s in samples])
     step = Law.fitted([s.unknowns for s in samples], [s.seconds / s.steps for s in samples])
