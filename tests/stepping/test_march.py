@@ -210,3 +210,19 @@ def test_a_singular_tangent_ends_as_a_failure_by_name(monkeypatch: pytest.Monkey
     steps, _, failure = run(bonded(), pull(0.04, 2), Controls(), smallest_step=0.5)
     assert len(steps) == 1
     assert failure is not None and failure.outcome.reason.startswith("DIVERGED")
+
+
+def test_without_predictor_a_step_starts_from_the_last_state_and_ends_the_same() -> None:
+    found = {}
+    for predict in (True, False):
+        model = bonded()
+        constraints, equilibrium = scenes.solver(model, scenes.PULL, Controls())
+        scheme = SCHEMES["backward-euler"]
+        marching = March(
+            model, constraints, equilibrium, pull(0.04, 8), scheme, 0.5, predict=predict
+        )
+        *_, last = marching.steps()
+        found[predict] = (last.iterations, model.field.x.array.copy())
+        equilibrium.destroy()
+    assert found[True][0] < found[False][0]
+    assert found[False][1] == pytest.approx(found[True][1], abs=1e-9)
