@@ -54,41 +54,26 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from mpi4py import MPI
 
     from wovenfab.case import read_case
-    from wovenfab.simulation import assemble
-    from wovenfab.stepping.march import March
+    from wovenfab.simulation.assemble import sheet_of
+    from wovenfab.simulation.rig import rig_of
 
     comm = MPI.COMM_WORLD
     before = _peak()
     case = read_case(Path(case_file), overrides)
-    sheet = assemble.sheet_of(case, comm)
-    model = assemble.model_of(case, sheet)
-    constraints = assemble.constraints_of(case, model)
-    equilibrium = assemble.equilibrium_of(case, model, constraints)
-    march = March(
-        model,
-        constraints,
-        equilibrium,
-        assemble.program_of_case(case),
-        assemble.scheme_of(case),
-        case.time.smallest_step,
-        case.solver.stability,
-        case.solver.predictor == "quadratic",
-    )
-    edge, (x, y) = assemble.driven_edge(case)
-    comm.barrier()
-    start = time.perf_counter()
-    steps = list(march.steps())
-    seconds = time.perf_counter() - start
-    found = Sample(
-        unknowns=model.unknowns,
-        steps=len(steps) - 1,
-        iterations=sum(step.iterations for step in steps),
-        seconds=comm.allreduce(seconds, op=MPI.MAX),
-        memory=comm.allreduce(_peak() - before),
-        force=max(x * s.reactions[edge][0] + y * s.reactions[edge][1] for s in steps),
-        dissipated=sum(steps[-1].dissipated.values()),
-    )
-    equilibrium.destroy()
+    with rig_of(case, sheet_of(case, comm)) as rig:
+        comm.barrier()
+        start = time.perf_counter()
+        steps = list(rig.march.steps())
+        seconds = time.perf_counter() - start
+        found = Sample(
+            unknowns=rig.model.unknowns,
+            steps=len(steps) - 1,
+            iterations=sum(step.iterations for step in steps),
+            seconds=comm.allreduce(seconds, op=MPI.MAX),
+            memory=comm.allreduce(_peak() - before),
+            force=max(rig.force(step)[0] for step in steps),
+            dissipated=sum(steps[-1].dissipated.values()),
+        )
     if comm.rank == 0:
         print(json.dumps(asdict(found)), flush=True)
 
