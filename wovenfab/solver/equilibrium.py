@@ -109,6 +109,7 @@ class Equilibrium:
         cholesky = self._snes.getKSP().getPC().getType() == "cholesky"
         self._matrix = create_matrix(model.jacobian, upper=cholesky)
         self._snes.setJacobian(self._evaluate_jacobian, self._matrix)
+        self._snes.getKSP().setOperators(self._matrix)
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
         self._assembled = self.force.copy()  # where the tangent was formed
         self.saddle_at_start = False
