@@ -10,6 +10,7 @@ from mpi4py import MPI
 from forms.effect import Needs
 from wovenfab.bench.figure import Figure
 from wovenfab.case import read_case
+from wovenfab.simulation.assemble import sheet_of
 from wovenfab.study.cost import Cost, measure
 from wovenfab.study.effects import line, markdown, reader, study
 
@@ -20,10 +21,11 @@ SIZE = ("program.amplitudes=40mm", "time.steps_per_cycle=20")
 def cost_of_effects() -> list[Figure]:
     """Print the table of costs; return what one placement and no second gradient save."""
     scene, read = read_case(CASE, SIZE).scene, reader(CASE, SIZE)
+    sheet = sheet_of(read_case(CASE, SIZE), MPI.COMM_WORLD)
     needs = {e.name: e.effect.needs for e in scene}
 
     def only(keep: Callable[[Needs], bool]) -> Cost:
-        return measure(read([name for name, n in needs.items() if keep(n)]), MPI.COMM_WORLD)
+        return measure(read([name for name, n in needs.items() if keep(n)]), sheet)
 
     rows = study(tuple(needs), read, MPI.COMM_WORLD, lambda row: print(line(row), flush=True))
     print(f"\n{markdown(rows)}", flush=True)

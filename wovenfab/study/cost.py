@@ -13,7 +13,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case
-from wovenfab.simulation.assemble import sheet_of
+from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.rig import Rig, rig_of
 
 
@@ -48,9 +48,14 @@ class Cost:
     dissipated: float
 
 
-def measure(case: Case, comm: MPI.Comm) -> Cost:
-    """Run a case from an empty kernel cache and return what it cost; collective."""
-    sheet = sheet_of(case, comm)
+def measure(case: Case, sheet: Sheet) -> Cost:
+    """Run a case from an empty kernel cache and return what it cost; collective.
+
+    Args:
+        case: The case.
+        sheet: Its meshed sheet, or that of a case with which it is compared.
+    """
+    comm = sheet.mesh.comm
     with ExitStack() as stack:
         with _empty_cache(comm):
             start = time.perf_counter()

@@ -11,6 +11,7 @@ from pathlib import Path
 from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.simulation.assemble import sheet_of
 from wovenfab.study.cost import Cost, measure
 
 #: Returns the case with the named effects only, or raises CaseError.
@@ -55,6 +56,7 @@ def study(
         comm: The ranks that compute.
         tell: Called with each row as it is known.
     """
+    sheet = sheet_of(read(names), comm)  # one mesh for all, so that only the effects differ
     rows: dict[frozenset[str], Row] = {}
     for scene, kept in _scenes(names, read):
         if frozenset(kept) in rows:
@@ -64,7 +66,7 @@ def study(
         except CaseError as error:
             row = Row(scene, None, error.problems[0].message)
         else:
-            row = Row(scene, measure(case, comm))
+            row = Row(scene, measure(case, sheet))
         tell(row)
         rows[frozenset(kept)] = row
     return list(rows.values())
