@@ -14,6 +14,15 @@ from wovenfab import __version__
 from wovenfab.case import CaseError, effects_page, json_schema, published_schema
 from wovenfab.commands import check as check_command
 from wovenfab.commands import report as report_command
+from wovenfab.commands.arguments import (
+    AccuracyOutput,
+    CaseFile,
+    Jobs,
+    Output,
+    Overrides,
+    Page,
+    SweepOutput,
+)
 from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice
 
 app = typer.Typer(
@@ -26,27 +35,6 @@ app = typer.Typer(
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-
-CaseFile = Annotated[Path, typer.Argument(help="The case file (YAML).", show_default=False)]
-Output = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        show_default=False,
-        help="Directory of all that is written; a folder of results/ with the name of the case "
-        "unless given.",
-    ),
-]
-Overrides = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        show_default=False,
-        help='Change a value of the case, as in --set effects.shear.stiffness="500 N/m".',
-    ),
-]
 
 
 def _version(wanted: bool) -> None:
@@ -119,16 +107,7 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 @app.command()
 def accuracy(
     case: CaseFile,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            show_default=False,
-            help="Directory of runs, table and diagrams; results/<name of the case>-accuracy "
-            "unless given.",
-        ),
-    ] = None,
+    output: AccuracyOutput = None,
     overrides: Overrides = None,
     minutes: Annotated[
         float,
@@ -163,21 +142,8 @@ def sweep(
         ),
     ] = None,
     overrides: Overrides = None,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            show_default=False,
-            help="Directory of all results; results/<name of the first file>-sweep unless given.",
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
-        ),
-    ] = None,
+    output: SweepOutput = None,
+    jobs: Jobs = None,
 ) -> None:
     """Run a case with other values side by side: a table and a picture of all loops.
 
@@ -204,12 +170,7 @@ def paper(
             show_default=False, help="Where the page goes; beside the results unless given."
         ),
     ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(
-            "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
-        ),
-    ] = None,
+    jobs: Jobs = None,
 ) -> None:
     """Run the paper's figures, measure its claims and write the page of both.
 
@@ -225,15 +186,7 @@ def report(
     directories: Annotated[
         list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)
     ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "-o",
-            "--output",
-            show_default=False,
-            help="Page of several runs; comparison.html in the folder that holds them all.",
-        ),
-    ] = None,
+    output: Page = None,
     animation: Annotated[
         bool, typer.Option("--animation", help="One cycle in motion, too: animation.gif.")
     ] = False,
