@@ -36,8 +36,8 @@ docs: ## write docs/parameters.md anew from the files in forms/
 bench: ## measure speed, as phases and ratios in one run
 	$(enter) python3 -m wovenfab.bench
 
-hard: ## run the hard cases, judge them and write docs/hard-cases.md
-	$(enter) python3 -m wovenfab.hard
+hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
+	$(enter) python3 -m wovenfab.hard $(rows) $(quick)
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (a quarter of an hour)
 	$(enter) python3 -m wovenfab.bench.accuracy_page

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from wovenfab.hard.alternatives import section
 from wovenfab.hard.families import families
 from wovenfab.hard.page import page, picture_name, table, write
 from wovenfab.hard.row import Family, Row, is_good, verdict
-from wovenfab.hard.store import ROOT, Kept, load, save
+from wovenfab.hard.store import ROOT, Kept, fingerprint, load, save
 from wovenfab.hard.worker import work
 
 RESULTS = Path("results") / "hard"
@@ -67,8 +70,20 @@ def publish(kept: dict[str, Kept]) -> None:
         figures = {name: f for name, f in found.items() if f is not None}
         if figures:
             family.draw(figures, docs / "pictures" / picture_name(family))
-    write(page(families(), kept, ""), docs / "hard-cases.md")
+    write(page(families(), kept, section(compared())), docs / "hard-cases.md")
     print("written: docs/hard-cases.md")
+
+
+def compared() -> dict[str, dict[str, dict[str, Any]]]:
+    """Return what other ways to a solution cost, measured in a process of their own."""
+    path = RESULTS / "alternatives.json"
+    mark = path.with_suffix(".sources")
+    if not path.exists() or not mark.exists() or mark.read_text() != fingerprint():
+        command = [sys.executable, "-m", "wovenfab.hard.alternatives", str(path)]
+        subprocess.run(command, check=True)
+        mark.write_text(fingerprint())
+    found: dict[str, dict[str, dict[str, Any]]] = json.loads(path.read_text(encoding="utf-8"))
+    return found
 
 
 def _tell(row: Row, kept: Kept) -> None:

@@ -25,6 +25,7 @@ from wovenfab.simulation.assemble import (
 from wovenfab.solver.equilibrium import Controls, Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.pace import Pace
 from wovenfab.stepping.stability import StabilityLostError
 
 #: Steps below which a sum of work by the trapezoidal rule says nothing.
@@ -39,6 +40,7 @@ class Ride:
         case, model, constraints, equilibrium: As the parts of a run.
         steps: The accepted steps so far.
         margins: Smallest admissibility margin up to each of them.
+        pace: How steps are cut and grown.
         end: ``"finished"`` or the diagnosis.
     """
 
@@ -48,6 +50,7 @@ class Ride:
     equilibrium: Equilibrium
     steps: list[Step] = field(default_factory=list)
     margins: list[float] = field(default_factory=list)
+    pace: Callable[[float], Pace] = Pace
     end: str = "finished"
 
     def go(self, look: Callable[[Step], None] = lambda step: None) -> Ride:
@@ -62,6 +65,8 @@ class Ride:
             scheme_of(self.case),
             self.case.time.smallest_step,
             self.case.solver.stability,
+            self.case.solver.predictor == "quadratic",
+            self.pace,
         )
         try:
             for step in march.steps():
@@ -112,8 +117,20 @@ class Ride:
         self.equilibrium.destroy()
 
 
-def mount(setting: Setting, comm: MPI.Comm | None = None) -> Ride:
-    """Return the case of a setting, ready to be marched; collective."""
+def mount(
+    setting: Setting,
+    comm: MPI.Comm | None = None,
+    solver: type[Equilibrium] = Equilibrium,
+    pace: Callable[[float], Pace] = Pace,
+) -> Ride:
+    """Return the case of a setting, ready to be marched; collective.
+
+    Args:
+        setting: The case.
+        comm: Its ranks; all unless given.
+        solver: Another solver, for comparison.
+        pace: Another way to cut and grow steps, for comparison.
+    """
     case = setting.case
     model = model_of(case, sheet_of(case, comm or MPI.COMM_WORLD))
     constraints = constraints_of(case, model)
@@ -123,8 +140,10 @@ def mount(setting: Setting, comm: MPI.Comm | None = None) -> Ride:
         "seed": s.seed,
         **setting.controls,
     }
-    solver = Controls(s.max_iterations, s.tolerance, s.petsc, **controls)
-    return Ride(case, model, constraints, Equilibrium(model, constraints, solver))
+    equilibrium = solver(
+        model, constraints, Controls(s.max_iterations, s.tolerance, s.petsc, **controls)
+    )
+    return Ride(case, model, constraints, equilibrium, pace=pace)
 
 
 def march(setting: Setting) -> Figures:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,6 +68,7 @@ class March:
         smallest_step: float,
         treatment: Treatment = "stop",
         predict: bool = True,
+        pace: Callable[[float], Pace] = Pace,
     ) -> None:
         """Start from the reference state.
 
@@ -80,6 +81,7 @@ class March:
             smallest_step: Share of a planned step below which cutting back ends.
             treatment: What is done where stability is lost.
             predict: Start a step from the extrapolated motion, not from the last state.
+            pace: Returns how steps are cut and grown, from the smallest share.
         """
         self._model = model
         self._constraints = constraints
@@ -87,7 +89,7 @@ class March:
         self._program = program
         self._scheme = scheme
         self._smallest = smallest_step
-        self._pace = Pace(smallest_step)
+        self._pace = pace(smallest_step)
         self._predicts = predict
         own = model.placements.owned
         self._stability = Stability(model, constraints, equilibrium, treatment)

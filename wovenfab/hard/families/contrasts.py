@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.models import draw_contrasts
 from wovenfab.hard.ride import last_force, march, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting, together
 
@@ -153,5 +153,5 @@ FAMILY = Family(
             quick=QUICK,
         ),
     ),
-    draw=draw_rows,
+    draw=draw_contrasts,
 )

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.runs import draw_failures
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.record.history import read_history
 from wovenfab.record.stored_fields import read_fields
@@ -184,5 +184,5 @@ FAMILY = Family(
             "time.smallest_step=0.125", steps=10,
         ),
     ),
-    draw=draw_rows,
+    draw=draw_failures,
 )  # fmt: skip

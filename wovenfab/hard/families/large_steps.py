@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.solving import draw_large_steps
 from wovenfab.hard.ride import march
 from wovenfab.hard.row import Bound, Family, Row, Setting
 
@@ -50,5 +50,5 @@ FAMILY = Family(
         _row(4, "9.4 mm"),
         _row(4, "12 mm", "0.1 mm"),
     ),
-    draw=draw_rows,
+    draw=draw_large_steps,
 )

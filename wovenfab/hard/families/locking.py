@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.solving import draw_locking
 from wovenfab.hard.ride import mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
 
@@ -98,5 +98,5 @@ FAMILY = Family(
             stops="the sheet locks",
         ),
     ),
-    draw=draw_rows,
+    draw=draw_locking,
 )

@@ -8,13 +8,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from mpi4py import MPI
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.runs import draw_long
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.progress import Progress, Stopwatch
-from wovenfab.simulation.rig import rig_of
 from wovenfab.simulation.run import run
 
 #: Cycle from which loops must repeat, and from which memory may not grow.
@@ -32,8 +31,7 @@ def cycles(setting: Setting) -> Figures:
 
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
-        with rig_of(case, sheet_of(case, MPI.COMM_WORLD)) as rig:
-            result = run(case, rig, directory, tell, Stopwatch())
+        result = run(case, sheet_of(case, MPI.COMM_WORLD), directory, tell, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start
     force, steps = history["force_N"], len(history["step"]) - 1
@@ -110,5 +108,5 @@ FAMILY = Family(
             quick_bounds=(Bound("drift of the imbalance", most=1e-5),),
         ),
     ),
-    draw=draw_rows,
+    draw=draw_long,
 )

@@ -11,7 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from wovenfab.case import Rectangle
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.models import draw_meshes
 from wovenfab.hard.coercivity import Coercivity
 from wovenfab.hard.families.contrasts import AUTO, FEW, QUICK, WHOLE, finer
 from wovenfab.hard.grids import Grid, crossed, write
@@ -251,5 +251,5 @@ FAMILY = Family(
             stops="discretisation.penalty = 0.3 is too small",
         ),
     ),
-    draw=draw_rows,
+    draw=draw_meshes,
 )

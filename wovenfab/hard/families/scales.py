@@ -10,7 +10,7 @@ import pint
 from numpy.typing import NDArray
 
 from wovenfab.case import Case
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.models import draw_scales
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting, together
 
@@ -136,5 +136,5 @@ FAMILY = Family(
         _row("100m", "a sheet of 100 m, crossed mesh", Scale(length=1000 / 9),
              "discretisation.mesh=crossed"),
     ),
-    draw=draw_rows,
+    draw=draw_scales,
 )  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.hard.charts import draw_rows
+from wovenfab.hard.pictures.solving import draw_tunnelling
 from wovenfab.hard.crossing import exact_crossing
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
@@ -102,5 +102,5 @@ FAMILY = Family(
             ),
         ),
     ),
-    draw=draw_rows,
+    draw=draw_tunnelling,
 )

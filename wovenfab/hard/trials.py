@@ -1,0 +1,107 @@
+"""Other ways to a solution, for comparison only: the solver with one thing done otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from petsc4py import PETSc
+
+from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.stepping.pace import CUT, Pace
+
+Reason = PETSc.SNES.ConvergedReason
+#: Iterations of a trust region, whose steps are shorter.
+MANY = 60
+
+
+class Counted(Equilibrium):
+    """The solver as it is, with its efforts counted.
+
+    Attributes:
+        solves: Number of solves, failed ones included.
+        iterations: Their iterations.
+    """
+
+    solves = 0
+    iterations = 0
+
+    def solve(self) -> Outcome:
+        """Solve and count."""
+        outcome = super().solve()
+        self.solves += 1
+        self.iterations += outcome.iterations
+        return outcome
+
+
+class Patient(Counted):
+    """Goes on after searches that find no lower potential, to the last iteration."""
+
+    def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        self._stuck = 0
+        return super()._test(snes, iteration, norms)
+
+
+class TrustRegion(Counted):
+    """PETSc's trust region with the plain tangent, once the grips are in place.
+
+    The first step must raise the potential, for it moves the grips: it is Newton's.
+    """
+
+    def solve(self) -> Outcome:
+        """Move the grips by Newton's method and go on with a trust region."""
+        self._snes.setType("newtonls")
+        self._snes.setTolerances(max_it=self._controls.max_iterations)
+        first = super().solve()
+        if not first.converged:
+            return first
+        self._snes.setType("newtontr")
+        self._snes.setTolerances(max_it=MANY)
+        second = super().solve()
+        self.solves -= 1
+        return replace(second, iterations=first.iterations + second.iterations)
+
+    def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        if snes.getType() == "newtonls" and self._attained:
+            self._norm = norms[2]
+            return int(Reason.CONVERGED_ITS)
+        return super()._test(snes, iteration, norms)
+
+    def _evaluate_objective(self, snes: Any, x: Any) -> float:
+        self._load(x)
+        return self.energy() if self.barrier.margin() > 0 else float("inf")
+
+    def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        if snes.getType() == "newtontr":
+            self._load(x)
+            self._model.last.x.array[:] = self._model.field.x.array
+        super()._evaluate_jacobian(snes, x, matrix, preconditioner)
+
+
+class Halving(Pace):
+    """Forgets at each planned time what it has learnt, and halves again."""
+
+    def __init__(self, smallest: float) -> None:
+        """Begin with whole steps."""
+        super().__init__(smallest)
+        self._targets: list[float] = []
+        self._now = 0.0
+
+    def next(self, now: float, end: float) -> float:
+        """Return the nearest time that is still to be reached."""
+        self._now = now
+        self._targets = self._targets or [end]
+        return self._targets[-1]
+
+    def made(self, length: float, iterations: int) -> None:
+        """Go on to the next time."""
+        self._targets.pop()
+
+    def cut(self, length: float, planned: float) -> bool:
+        """Step half as far first."""
+        self._targets.append(self._now + CUT * length)
+        return CUT * length >= self._smallest * planned
+
+    def bisect(self, until: float, length: float) -> None:
+        """Step half as far first."""
+        self._targets.append(self._now + CUT * length)
