@@ -155,4 +155,3 @@ def test_a_grid_of_slivers_has_the_angle_it_is_made_with_and_covers_the_rectangl
     assert {name: len(e) for name, e in grid.edges.items()} == {
         "bottom": 9, "right": 3, "top": 9, "left": 3
     }  # fmt: skip
-

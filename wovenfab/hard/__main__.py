@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,9 +15,10 @@ import typer
 from wovenfab.hard.alternatives import section
 from wovenfab.hard.families import families
 from wovenfab.hard.page import page, picture_name, table, write
-from wovenfab.hard.row import Family, Row, is_good, verdict
+from wovenfab.hard.row import Family, Picture, Row, is_good, verdict
 from wovenfab.hard.store import ROOT, Kept, fingerprint, load, save
 from wovenfab.hard.worker import work
+from wovenfab.record.provenance import Provenance, this_process
 
 RESULTS = Path("results") / "hard"
 
@@ -69,9 +71,18 @@ def publish(kept: dict[str, Kept]) -> None:
         found = {row.name: kept[row.name].figures for row in family.rows if row.name in kept}
         figures = {name: f for name, f in found.items() if f is not None}
         if figures:
-            family.draw(figures, docs / "pictures" / picture_name(family))
+            path = docs / "pictures" / picture_name(family)
+            family.draw(figures, Picture(path, origin(found, kept)))
     write(page(families(), kept, section(compared())), docs / "hard-cases.md")
     print("written: docs/hard-cases.md")
+
+
+def origin(names: Iterable[str], kept: Mapping[str, Kept]) -> Provenance:
+    """Return what made the results of some rows and draws them now."""
+    made = Provenance("make hard", this_process().commit)
+    for name in names:
+        made = Provenance("make hard", kept[name].commit).then(made)
+    return made
 
 
 def compared() -> dict[str, dict[str, dict[str, Any]]]:

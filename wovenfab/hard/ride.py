@@ -26,7 +26,7 @@ from wovenfab.solver.equilibrium import Controls, Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.pace import Pace
-from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.stability import Loss, StabilityLostError
 
 #: Steps below which a sum of work by the trapezoidal rule says nothing.
 ENOUGH_STEPS = 10
@@ -42,6 +42,7 @@ class Ride:
         margins: Smallest admissibility margin up to each of them.
         pace: How steps are cut and grown.
         end: ``"finished"`` or the diagnosis.
+        loss: The loss of stability that ended it, if one did.
     """
 
     case: Case
@@ -52,6 +53,7 @@ class Ride:
     margins: list[float] = field(default_factory=list)
     pace: Callable[[float], Pace] = Pace
     end: str = "finished"
+    loss: Loss | None = None
 
     def go(self, look: Callable[[Step], None] = lambda step: None) -> Ride:
         """March to the end; ``look`` is called after each accepted step. Collective."""
@@ -76,6 +78,7 @@ class Ride:
                 look(step)
         except (StepFailedError, StabilityLostError) as error:
             self.end = str(error)
+            self.loss = getattr(error, "loss", None)
         self.margins[-1] = min(seen)
         return self
 

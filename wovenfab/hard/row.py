@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from wovenfab.case import Case, read_case
+from wovenfab.record.provenance import Provenance
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -122,6 +123,19 @@ class Bound:
         return ""
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A picture that is to be drawn.
+
+    Attributes:
+        path: Its file.
+        origin: What made the figures, which the file tells.
+    """
+
+    path: Path
+    origin: Provenance
+
+
 Measure = Callable[[Setting], Figures]
 
 
@@ -181,14 +195,14 @@ class Family:
         title: Heading.
         text: What is asked and what was found, in Markdown.
         rows: The cases.
-        draw: Draws the picture of the figures by row into a PNG file.
+        draw: Draws the picture of the figures by row.
     """
 
     number: int
     title: str
     text: str
     rows: tuple[Row, ...]
-    draw: Callable[[Mapping[str, Figures], Path], Path]
+    draw: Callable[[Mapping[str, Figures], Picture], None]
 
 
 def problems(row: Row, figures: Figures) -> list[str]:

@@ -13,8 +13,9 @@ from typing import Any
 from wovenfab.hard.row import Figures
 
 ROOT = Path(__file__).parents[2]
-#: Folders whose files decide what a row gives.
+#: Folders whose files decide what a row gives, and what in them does not.
 SOURCES = ("forms", "wovenfab", "configs", "meshes")
+MERELY_SHOWS = ("wovenfab/hard/pictures", "wovenfab/hard/page.py", "wovenfab/report")
 
 
 @dataclass(frozen=True)
@@ -26,12 +27,14 @@ class Kept:
         failure: Why it gave nothing.
         seconds: Wall time, start of the process included.
         memory: Largest resident memory of a rank, GB.
+        commit: Commit of the code that gave it.
     """
 
     figures: Figures | None
     failure: str = ""
     seconds: float = 0.0
     memory: float = 0.0
+    commit: str = ""
 
 
 @cache
@@ -40,8 +43,9 @@ def fingerprint() -> str:
     digest = hashlib.sha256()
     for folder in SOURCES:
         for path in sorted((ROOT / folder).rglob("*")):
-            if path.suffix in (".py", ".yaml", ".geo"):
-                digest.update(str(path.relative_to(ROOT)).encode() + path.read_bytes())
+            name = str(path.relative_to(ROOT))
+            if path.suffix in (".py", ".yaml", ".geo") and not name.startswith(MERELY_SHOWS):
+                digest.update(name.encode() + path.read_bytes())
     return digest.hexdigest()
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from wovenfab.hard.families import row_named
 from wovenfab.hard.row import Row
 from wovenfab.hard.store import Kept, figures_from
+from wovenfab.record.provenance import this_process
 
 #: Longest time of a row (s), whole and quick.
 LIMIT, QUICK_LIMIT = 1200.0, 300.0
@@ -45,7 +46,7 @@ def work(row: Row, quick: bool) -> Kept:
             lines = ended.stderr.strip().splitlines() or [f"exit code {ended.returncode}"]
             return Kept(None, lines[-1], seconds)
         data = json.loads(out.read_text(encoding="utf-8"))
-    return Kept(figures_from(data["figures"]), "", seconds, data["memory"])
+    return Kept(figures_from(data["figures"]), "", seconds, data["memory"], this_process().commit)
 
 
 def main(name: str, out: str, quick: bool) -> None:

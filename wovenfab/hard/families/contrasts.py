@@ -15,9 +15,12 @@ BONDED = Setting("bonded-1x3", (*STEPS, AUTO, "discretisation.degree=3"))
 TIED = Setting("elastic-1x3", STEPS)
 #: Stiffest coupling that is asked for, and those that reach the bonded limit, N/m^3.
 COUPLINGS, STIFFER = (1e0, 1e2, 1e4, 1e6, 1e8, 1e10, 1e12), (1e14, 1e16)
+#: Unless told, only meshes of one placement are graded; cells this small see the slip fade.
+SAME_MESH = "discretisation.corner_size=2 mm"
 FEW, WHOLE = Bound("worst", most=10), Bound("cutbacks", most=0)
 CLOSE = Bound("difference from the limit", most=1e-3)
 QUICK = ("discretisation.mesh_size=100 mm",)
+UNGRADED = (*QUICK, "discretisation.corner_size=100 mm")
 
 
 def against(limit: Callable[[Setting], Setting]) -> Callable[[Setting], Figures]:
@@ -46,7 +49,10 @@ def bonded(setting: Setting) -> Setting:
 
 
 def coupled(stiffnesses: tuple[float, ...], setting: Setting) -> Figures:
-    """March with each coupling; compare the forces with each other and the bonded one."""
+    """March with each coupling; compare the forces with each other and the bonded one.
+
+    The bonded sheet has the same mesh, so that its states are among those of two placements.
+    """
     rides = []
     for stiffness in stiffnesses:
         ride = mount(setting.but(f"effects.coupling.stiffness={stiffness!r}")).go()
@@ -59,7 +65,7 @@ def coupled(stiffnesses: tuple[float, ...], setting: Setting) -> Figures:
         growth_with_the_coupling=min(
             (b - a) / limit for a, b in zip([0.0, *forces], forces, strict=False)
         ),
-        difference_from_the_limit=max(abs(f / limit - 1) for f in forces),
+        difference_from_the_limit=abs(forces[-1] / limit - 1),
     )
 
 
@@ -70,7 +76,8 @@ FAMILY = Family(
         "Forces at 40 mm. The differences from a limit model are relative. At K_c = 1e12 N/m³, "
         "the stiffest coupling asked for, the sheet of Table 1 is *not* within 0.1 % of the bonded "
         "one, and must not be: its yarns slide along themselves over sqrt(K_e/K_c) = 11 mm at the "
-        "ends. The row shows how far it is; the next one, that two stiffer couplings are there. "
+        "ends. The row shows that the force grows towards the bonded one of the same mesh and "
+        "stays below it; the next row, that 1e16 N/m³ (0.1 mm) is there. "
         "Nearly inextensible yarns (K_e/K_s = 1e9 by way of K_e) need a mesh along the fibres: "
         "on any other, cells that cannot bend without stretching lock."
     ),
@@ -132,7 +139,7 @@ FAMILY = Family(
             title="K_c from 1 to 1e12 N/m³, elastic",
             hard="families from free of each other to tied",
             remedy="placements that jump, symmetric factorisation",
-            setting=TIED,
+            setting=TIED.but(SAME_MESH),
             measure=partial(coupled, COUPLINGS),
             bounds=(
                 FEW,
@@ -140,17 +147,23 @@ FAMILY = Family(
                 Bound("growth with the coupling", least=0.0),
                 Bound("force over the bonded", most=1.0),
             ),
-            quick=QUICK,
+            quick=UNGRADED,
         ),
         Row(
             name="contrast-bonded",
-            title="K_c = 1e14 and 1e16 N/m³, against bonded",
+            title="K_c = 1e14 and 1e16 N/m³, the latter against bonded on the same mesh",
             hard="coupling and stretch differ by 8 orders",
             remedy="one continuous placement each",
-            setting=TIED.but("discretisation.jumps=false"),
+            setting=TIED.but(SAME_MESH, "discretisation.jumps=false"),
             measure=partial(coupled, STIFFER),
-            bounds=(FEW, WHOLE, CLOSE),
-            quick=QUICK,
+            bounds=(
+                FEW,
+                WHOLE,
+                CLOSE,
+                Bound("growth with the coupling", least=0.0),
+                Bound("force over the bonded", most=1.0),
+            ),
+            quick=UNGRADED,
         ),
     ),
     draw=draw_contrasts,

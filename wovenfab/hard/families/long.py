@@ -14,6 +14,7 @@ from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.progress import Progress, Stopwatch
+from wovenfab.simulation.rig import rig_of
 from wovenfab.simulation.run import run
 
 #: Cycle from which loops must repeat, and from which memory may not grow.
@@ -31,7 +32,8 @@ def cycles(setting: Setting) -> Figures:
 
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
-        result = run(case, sheet_of(case, MPI.COMM_WORLD), directory, tell, Stopwatch())
+        with rig_of(case, sheet_of(case, MPI.COMM_WORLD)) as rig:
+            result = run(case, rig, directory, tell, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start
     force, steps = history["force_N"], len(history["step"]) - 1

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.hard.pictures.solving import draw_tunnelling
 from wovenfab.hard.crossing import exact_crossing
+from wovenfab.hard.pictures.solving import draw_tunnelling
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.solver.admissible import SHARE

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 
 from wovenfab.hard.pictures.panels import MARKS, bars, panels, threshold
-from wovenfab.hard.row import Figures
+from wovenfab.hard.row import Figures, Picture
 from wovenfab.report.style import INK, MILLIMETRE, sequence
 
 #: Part of the mesh of slivers that is shown, mm.
@@ -17,7 +16,7 @@ SHOWN = 50.0
 QUANTITIES = ("time", "displacement", "force", "stored", "dissipated", "work")
 
 
-def draw_contrasts(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_contrasts(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw the force against the coupling, and the differences from the limit models."""
     coupled = [f for name, f in figures.items() if name in ("contrast-coupling", "contrast-bonded")]
     others = {
@@ -26,9 +25,10 @@ def draw_contrasts(figures: Mapping[str, Figures], path: Path) -> Path:
         if name != "contrast-coupling"
     }
     _, dark = sequence(2)
-    with panels(path, 2) as (left, right):
-        for f, style in zip(coupled, ({}, {"markerfacecolor": "white"}), strict=False):
-            left.plot(f.series["stiffness"], f.series["force"], "o", color=dark, **style)
+    with panels(picture, 2) as (left, right):
+        for f, inside in zip(coupled, (dark, "white"), strict=False):
+            x, y = f.series["stiffness"], f.series["force"]
+            left.plot(x, y, "o", color=dark, markerfacecolor=inside)
         if coupled:
             threshold(left, coupled[0].series["limit"], "bonded")
         left.set_xscale("log")
@@ -38,10 +38,9 @@ def draw_contrasts(figures: Mapping[str, Figures], path: Path) -> Path:
         bars(right, list(others), list(others.values()), dark)
         threshold(right, 1e-3, "limit model", across=False)
         right.set_xlabel("relative difference of the force")
-    return path
 
 
-def draw_meshes(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_meshes(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw the slivers, the differences of the force, and the smallest eigenvalues."""
     differences = {
         name.removeprefix("mesh-"): f.figure("difference")
@@ -49,7 +48,7 @@ def draw_meshes(figures: Mapping[str, Figures], path: Path) -> Path:
         if "difference" in f.checks
     }
     _, dark = sequence(2)
-    with panels(path, 3, widths=(0.8, 1.1, 1.1)) as (first, second, third):
+    with panels(picture, 3, widths=(0.8, 1.1, 1.1)) as (first, second, third):
         if "mesh-slivers" in figures:
             _slivers(first, figures["mesh-slivers"])
         bars(second, list(differences), list(differences.values()), dark)
@@ -69,7 +68,6 @@ def draw_meshes(figures: Mapping[str, Figures], path: Path) -> Path:
         third.set_ylabel("smallest eigenvalue")
         third.set_title("filled: crossed, hollow: unstructured", fontsize=7.5, fontweight="normal")
         third.legend(ncols=3, loc="lower left", fontsize=7, columnspacing=1)
-    return path
 
 
 def _slivers(axes: Axes, figures: Figures) -> None:
@@ -84,9 +82,9 @@ def _slivers(axes: Axes, figures: Figures) -> None:
     axes.set_title("angles of 1°", fontsize=7.5, fontweight="normal")
 
 
-def draw_scales(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_scales(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw the difference of each quantity after scaling back."""
-    with panels(path, 1, 2.6) as (axes,):
+    with panels(picture, 1, 2.6) as (axes,):
         for (name, f), colour, mark in zip(
             figures.items(), sequence(len(figures)), MARKS, strict=False
         ):
@@ -98,4 +96,3 @@ def draw_scales(figures: Mapping[str, Figures], path: Path) -> Path:
         threshold(axes, 1e-9, "at most 1e-9")
         axes.set_ylabel("largest relative difference")
         axes.legend(ncols=1, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-    return path

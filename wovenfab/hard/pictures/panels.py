@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
+from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from wovenfab.hard.row import Picture
 from wovenfab.report.style import QUIET, WIDTH, house_style, save
 
 #: Height of a row of panels (in).
@@ -18,19 +19,24 @@ MARKS = ("o", "s", "^", "D", "v", "P")
 
 @contextmanager
 def panels(
-    path: Path, count: int, height: float = HEIGHT, widths: Sequence[float] | None = None
+    picture: Picture, count: int, height: float = HEIGHT, widths: Sequence[float] | None = None
 ) -> Iterator[list[Axes]]:
-    """Draw into ``count`` panels side by side and write them to ``path`` at the end."""
+    """Draw into ``count`` panels side by side and write the picture at the end."""
     with house_style():
         figure = Figure(figsize=(WIDTH, height))
         axes = figure.subplots(1, count, squeeze=False, width_ratios=widths)[0]
         yield list(axes)
-        save(figure, path)
+        save(figure, picture.path, picture.origin)
 
 
 def threshold(axes: Axes, value: float, text: str, across: bool = True) -> None:
     """Draw a threshold, dashed, with its name."""
-    style = {"color": QUIET, "linewidth": 0.9, "linestyle": (0, (5, 3)), "zorder": 1}
+    style: dict[str, Any] = {
+        "color": QUIET,
+        "linewidth": 0.9,
+        "linestyle": (0, (5, 3)),
+        "zorder": 1,
+    }
     if across:
         axes.axhline(value, **style)
         place, shift = ((1, value), (0, 3))

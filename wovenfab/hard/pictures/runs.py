@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wovenfab.hard.pictures.panels import MARKS, panels, threshold
-from wovenfab.hard.row import Figures
+from wovenfab.hard.row import Figures, Picture
 from wovenfab.report.style import INK, MILLIMETRE, QUIET, sequence
 
 
-def draw_long(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_long(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw change of the loop, imbalance and memory by cycle."""
     (f,) = figures.values()
     _, dark = sequence(2)
-    with panels(path, 3, 2.4) as (first, second, third):
+    with panels(picture, 3, 2.4) as (first, second, third):
         apart = np.array(f.series["apart"][:-1])
         cycle = np.arange(1, len(apart) + 1)
         first.plot(cycle, np.maximum(apart, 1e-17), ".", color=dark)
@@ -33,19 +33,18 @@ def draw_long(figures: Mapping[str, Figures], path: Path) -> Path:
         third.set_ylabel("resident memory (MB)")
         for axes in (first, second, third):
             axes.set_xlabel("cycle")
-    return path
 
 
-def draw_failures(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_failures(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw how far the runs came, and the worst points that they name."""
     names = list(figures)
     colours = dict(zip(names, sequence(len(names)), strict=True))
     marks = dict(zip(names, MARKS, strict=False))
-    with panels(path, 2, 2.4, widths=(1.0, 1.3)) as (left, right):
+    with panels(picture, 2, 2.4, widths=(1.0, 1.3)) as (left, right):
         for name, f in figures.items():
             x = MILLIMETRE.factor * np.array(f.series["displacement"])
             force = np.array(f.series["force"]) / 1e3
-            style = {"color": colours[name], "marker": marks[name]}
+            style: dict[str, Any] = {"color": colours[name], "marker": marks[name]}
             left.plot(x, force, color=colours[name], linewidth=1)
             left.plot(x[-1], force[-1], markersize=6, **style)
             if f.series["place"]:
@@ -64,4 +63,3 @@ def draw_failures(figures: Mapping[str, Figures], path: Path) -> Path:
         right.set_ylabel("y (mm)")
         right.set_title("worst point", color=INK)
         right.legend(loc="lower left", bbox_to_anchor=(0, 1.12), ncols=2, fontsize=7)
-    return path

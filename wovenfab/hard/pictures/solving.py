@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wovenfab.hard.pictures.panels import MARKS, panels, threshold
-from wovenfab.hard.row import Figures
+from wovenfab.hard.row import Figures, Picture
 from wovenfab.report.style import INK, MILLIMETRE, sequence
 
 #: Displacement (mm) at which the inextensible 1:2 and 1:3 sheets lock.
 LOCKS = {"1x2": (sqrt(2) - 1) * 300, "1x3": (sqrt(2) - 1) * 600}
 
 
-def draw_large_steps(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_large_steps(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw iterations against unknowns."""
-    with panels(path, 1, 2.8) as (axes,):
+    with panels(picture, 1, 2.8) as (axes,):
         for degree, colour, mark in zip((2, 3, 4), sequence(3), MARKS, strict=False):
             for graded in (False, True):
                 chosen = [
@@ -29,7 +29,7 @@ def draw_large_steps(figures: Mapping[str, Figures], path: Path) -> Path:
                 if chosen:
                     x, y = zip(*sorted(chosen), strict=True)
                     label = f"P{degree}" + (", 0.1 mm at the corners" if graded else "")
-                    style = {"markerfacecolor": "white"} if graded else {}
+                    style: dict[str, Any] = {"markerfacecolor": "white"} if graded else {}
                     axes.plot(x, y, mark, color=colour, label=label, **style)
         threshold(axes, 10, "at most 10")
         axes.set_xscale("log")
@@ -38,22 +38,21 @@ def draw_large_steps(figures: Mapping[str, Figures], path: Path) -> Path:
         axes.set_ylabel("Newton iterations")
         axes.set_title("100 mm in one step from rest")
         axes.legend(ncols=3, loc="lower right")
-    return path
 
 
-def draw_locking(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_locking(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw force and margin against displacement."""
     marches = {name: f for name, f in figures.items() if name[8:11] in LOCKS}
     colours = dict(zip(LOCKS, sequence(2), strict=True))
-    with panels(path, 2) as (left, right):
+    with panels(picture, 2) as (left, right):
         for name, f in marches.items():
             _, ratio, stiffness = name.split("-")
             dashes = "solid" if stiffness == "400" else (0, (2, 1.5))
             x = MILLIMETRE.factor * np.array(f.series["displacement"])
             label = f"{ratio.replace('x', ':')}, K_s = {stiffness} N/m"
-            style = {"color": colours[ratio], "linestyle": dashes}
-            left.plot(x[1:], np.array(f.series["force"][1:]) / 1e3, label=label, **style)
-            right.plot(x, f.series["margin"], **style)
+            line: dict[str, Any] = {"color": colours[ratio], "linestyle": dashes}
+            left.plot(x[1:], np.array(f.series["force"][1:]) / 1e3, label=label, **line)
+            right.plot(x, f.series["margin"], **line)
         for axes in (left, right):
             for ratio, lock in LOCKS.items():
                 threshold(axes, lock, f"{ratio.replace('x', ':')} locks", across=False)
@@ -63,16 +62,15 @@ def draw_locking(figures: Mapping[str, Figures], path: Path) -> Path:
         left.legend(fontsize=7, loc="lower right", bbox_to_anchor=(0.95, 0.0))
         right.set_ylabel("smallest margin")
         right.set_ylim(0, 1.02)
-    return path
 
 
-def draw_tunnelling(figures: Mapping[str, Figures], path: Path) -> Path:
+def draw_tunnelling(figures: Mapping[str, Figures], picture: Picture) -> None:
     """Draw the error of the limit against the limit."""
     (f,) = figures.values()
     exact, found = np.array(f.series["exact"]), np.array(f.series["found"])
     error = np.maximum(np.abs(found - exact) / exact, 1e-17)
     light, dark = sequence(2)
-    with panels(path, 1, 2.8) as (axes,):
+    with panels(picture, 1, 2.8) as (axes,):
         for beyond, colour, label in (
             (True, dark, "step leads beyond the barrier"),
             (False, light, "step stays on this side"),
@@ -87,4 +85,3 @@ def draw_tunnelling(figures: Mapping[str, Figures], path: Path) -> Path:
         axes.set_xlabel("exact crossing, in lengths of the step")
         axes.set_ylabel("relative error of the limit")
         axes.legend(loc="upper right", bbox_to_anchor=(1, 0.85))
-    return path
