@@ -118,10 +118,9 @@ def shape(ride: Ride, mode: NDArray[np.float64]) -> dict[str, Any]:
 
 
 LOAD = Bound("error of the load", most=2e-3)
-QUICK_LOAD = Bound("error of the load", most=1e-2)
 ONE = (Bound("losses", least=1, most=1), Bound("negative at the saddle", least=1, most=1))
 MINIMA = Bound("negative eigenvalues", most=0)
-QUICK = ("discretisation.mesh_size=150 mm",)
+QUICK = ("discretisation.mesh_size=150 mm", "discretisation.corner_size=150 mm")
 
 FAMILY = Family(
     number=6,
@@ -162,7 +161,6 @@ FAMILY = Family(
             measure=pushed,
             bounds=(LOAD, MINIMA, *ONE),
             quick=QUICK,
-            quick_bounds=(QUICK_LOAD,),
             stops="the sheet loses its stability",
         ),
         Row(
@@ -173,8 +171,7 @@ FAMILY = Family(
             setting=ALONG.but("solver.stability=follow"),
             measure=pushed,
             bounds=(LOAD, MINIMA, *ONE),
-            quick=(*QUICK, "program.to=-10 mm", "program.steps=3"),
-            quick_bounds=(QUICK_LOAD,),
+            quick=(*QUICK, "program.to=-5 mm", "program.steps=2"),
         ),
         Row(
             name="compression-ignore",

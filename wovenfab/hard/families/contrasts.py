@@ -20,6 +20,7 @@ SAME_MESH = "discretisation.corner_size=2 mm"
 FEW, WHOLE = Bound("worst", most=10), Bound("cutbacks", most=0)
 CLOSE = Bound("difference from the limit", most=1e-3)
 QUICK = ("discretisation.mesh_size=100 mm",)
+COARSE = ("discretisation.mesh_size=150 mm", "program.steps=2")
 UNGRADED = (*QUICK, "discretisation.corner_size=100 mm")
 
 
@@ -105,7 +106,7 @@ FAMILY = Family(
             ),
             measure=against(finer),
             bounds=(FEW, WHOLE, Bound("difference from the limit", most=0.02)),
-            quick=QUICK,
+            quick=COARSE,
             quick_bounds=(Bound("difference from the limit", most=0.05),),
         ),
         Row(
@@ -131,7 +132,7 @@ FAMILY = Family(
             ),
             measure=against(finer),
             bounds=(FEW, WHOLE, Bound("difference from the limit", most=0.02)),
-            quick=QUICK,
+            quick=COARSE,
             quick_bounds=(Bound("difference from the limit", most=0.05),),
         ),
         Row(
@@ -147,7 +148,7 @@ FAMILY = Family(
                 Bound("growth with the coupling", least=0.0),
                 Bound("force over the bonded", most=1.0),
             ),
-            quick=UNGRADED,
+            quick=(*UNGRADED, "program.steps=1"),
         ),
         Row(
             name="contrast-bonded",
@@ -163,7 +164,7 @@ FAMILY = Family(
                 Bound("growth with the coupling", least=0.0),
                 Bound("force over the bonded", most=1.0),
             ),
-            quick=UNGRADED,
+            quick=(*UNGRADED, "program.steps=1"),
         ),
     ),
     draw=draw_contrasts,

@@ -94,6 +94,7 @@ FAMILY = Family(
                 ),
             ),
             measure=crossings,
+            quick=("discretisation.mesh_size=300 mm",),
             bounds=(
                 Bound("margin", least=0.0),
                 Bound("error of the limit", most=1e-12),
