@@ -1,20 +1,16 @@
-"""A solver with a part taken out fails the rows that the part is there for, and they alone."""
+"""A solver with a part taken out fails the rows that the part is there for, and others not."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+
+import pytest
 
 from wovenfab.hard.families import row_named
 from wovenfab.hard.row import Row, problems
 
-
-def found(row: Row) -> str:
-    """Return what keeps a row from passing; empty if nothing does."""
-    return "; ".join(problems(row, row.run()))
-
-
-def small(name: str) -> Row:
-    return row_named(name).small()
+Change = Callable[[Row], Row]
 
 
 def plain(row: Row) -> Row:
@@ -22,6 +18,40 @@ def plain(row: Row) -> Row:
     return replace(row, setting=row.setting.but("solver.tangent=plain"))
 
 
-def test_without_the_step_limit_states_tunnel() -> None:
-    row = small("tunnelling")
-    assert "margin" in found(row.with_controls(step_limit=False))
+def unlimited(row: Row) -> Row:
+    """Return the row with steps that may cross the barrier."""
+    return row.with_controls(step_limit=False)
+
+
+def unsearched(row: Row) -> Row:
+    """Return the row without line search."""
+    return row.with_controls(line_search=False)
+
+
+def found(change: Change, name: str) -> str:
+    """Return what keeps a small row from passing with a changed solver; empty if nothing."""
+    row = change(row_named(name).small())
+    return "; ".join(problems(row, row.run()))
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "problem"),
+    [
+        (plain, "large-p3-10mm-graded", "cutbacks"),
+        (unlimited, "tunnelling", "margin"),
+        (unlimited, "locking-end", "finished, but should have stopped"),
+        (unsearched, "locking-one-step", "margin"),
+    ],
+)
+def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
+    change: Change, name: str, problem: str
+) -> None:
+    assert problem in found(change, name)
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [(plain, "locking-1x2-400"), (unlimited, "locking-1x2-400"), (unsearched, "locking-end")],
+)
+def test_rows_that_do_not_need_the_part_pass_without_it(change: Change, name: str) -> None:
+    assert found(change, name) == ""
