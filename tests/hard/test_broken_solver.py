@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -37,7 +38,7 @@ def found(change: Change, name: str) -> str:
 @pytest.mark.parametrize(
     ("change", "name", "problem"),
     [
-        (plain, "large-p3-10mm-graded", "cutbacks"),
+        (plain, "large-p3-10mm-graded", "worst|cutbacks"),
         (unlimited, "tunnelling", "margin"),
         (unlimited, "locking-end", "finished, but should have stopped"),
         (unsearched, "locking-one-step", "margin"),
@@ -46,7 +47,7 @@ def found(change: Change, name: str) -> str:
 def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
     change: Change, name: str, problem: str
 ) -> None:
-    assert problem in found(change, name)
+    assert re.search(problem, found(change, name))
 
 
 @pytest.mark.parametrize(
