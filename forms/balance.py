@@ -214,16 +214,17 @@ class Balance:
         if effect.dissipation is None:
             return effect.stored(point, term.values)
         assert self.rate is not None
-        dissipation = effect.dissipation(self._rate_of(effect, point), term.values)
+        dissipation = effect.dissipation(self.rate_of(effect, point), term.values)
         return self.rate.acting * dissipation / self.rate.weights[0]
 
     def _dissipated(self, term: Term, point: Point) -> Any:
         """Return the dissipated power density dR/d(rate)·rate (W/m^2)."""
         assert term.effect.dissipation is not None
-        rate = ufl.variable(self._rate_of(term.effect, point))
+        rate = ufl.variable(self.rate_of(term.effect, point))
         return ufl.inner(ufl.diff(term.effect.dissipation(rate, term.values), rate), rate)
 
-    def _rate_of(self, effect: Effect, point: Point) -> Any:
+    def rate_of(self, effect: Effect, point: Point) -> Any:
+        """Return the rate of an effect's measure with the present state at ``point``."""
         assert self.rate is not None and effect.measure is not None
         now, *before = self.rate.weights
         total = now * effect.measure(point)

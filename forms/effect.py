@@ -49,11 +49,18 @@ class Needs:
         placements: 1, or 2 for an effect that acts on their difference.
         second_gradient: Second derivatives in the cells and jumps on the facets.
         rate: The effect depends on a rate, hence on time and on history.
+        increment: It depends on what changes in a step, hence on history, not on time.
     """
 
     placements: int = 1
     second_gradient: bool = False
     rate: bool = False
+    increment: bool = False
+
+    @property
+    def history(self) -> bool:
+        """Whether earlier states matter, so that the result depends on the steps."""
+        return self.rate or self.increment
 
 
 @dataclass(frozen=True)
@@ -70,10 +77,30 @@ class Strain:
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One effect of the model.
+class Bound:
+    """A friction stress that has a bound: the law seen from the stress.
 
-    Exactly one of ``energy``, ``strains`` and ``dissipation`` is given.
+    Below the bound the rate is ``creep(stress)``; at the bound it may be anything
+    larger in the same direction. With several components each has the bound for itself.
+    A solver that carries the stress itself needs the law in this form; it is the only
+    form of a set-valued law such as Coulomb's, which has no creep.
+
+    Attributes:
+        strength: Largest stress from the values.
+        creep: Rate of one component from its stress and the values, the inverse of the
+            derivative of the effect's ``dissipation``; None where there is none.
+    """
+
+    strength: Callable[[Values], Any]
+    creep: Callable[[Any, Values], Any] | None = None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One effect of the model, or one law of it.
+
+    Exactly one of ``energy``, ``strains`` and ``dissipation`` is given; a set-valued law
+    of friction has a ``bound`` instead.
 
     Attributes:
         name: Key in the case file and suffix of the history columns.
@@ -84,6 +111,10 @@ class Effect:
         strains: The quadratic terms that make up the stored energy.
         dissipation: Rayleigh potential per area (W/m^2) from a rate and the values.
         measure: What the rate is the time derivative of, from a point.
+        bound: The law seen from the stress, where a bound holds the stress.
+        law: Key by which a case chooses among the effect's laws; empty if it has one.
+        laws: Its other laws, each an effect of the same name; a case that names none
+            gets this one.
         facet_energy: Stored energy per length (J/m) of an interior facet.
         edge_energy: The same on an edge where the yarn directions are held.
         resists: What the effect keeps from moving freely, of ``"stretching"``,
@@ -99,6 +130,9 @@ class Effect:
     strains: Callable[[Point, Values], tuple[Strain, ...]] | None = None
     dissipation: Callable[[Any, Values], Any] | None = None
     measure: Callable[[Point], Any] | None = None
+    bound: Bound | None = None
+    law: str = ""
+    laws: tuple[Effect, ...] = ()
     facet_energy: Callable[[Facet, Values], Any] | None = None
     edge_energy: Callable[[Edge, Values], Any] | None = None
     resists: frozenset[str] = frozenset()
@@ -106,19 +140,39 @@ class Effect:
     def __post_init__(self) -> None:
         """Refuse an effect that does not say what it is."""
         given = [p for p in (self.energy, self.strains, self.dissipation) if p is not None]
-        if len(given) != 1:
+        if len(given) + self.set_valued != 1:
             raise ValueError(
-                f"effect {self.name!r} must give exactly one of energy, strains, dissipation"
+                f"effect {self.name!r} must give exactly one of energy, strains, dissipation, "
+                "or a bound instead"
             )
-        if (self.dissipation is None) != (self.measure is None):
+        if self.dissipative != (self.measure is not None):
             raise ValueError(f"effect {self.name!r}: a dissipation needs a measure and no other")
-        if self.needs.rate != self.dissipative:
+        if self.needs.rate != (self.dissipation is not None):
             raise ValueError(f"effect {self.name!r}: a dissipation needs the rate, and only it")
+        if self.needs.increment != self.set_valued:
+            raise ValueError(f"effect {self.name!r}: a set-valued law needs the increment")
+        if self.bound and (self.bound.creep is None) != self.set_valued:
+            raise ValueError(f"effect {self.name!r}: a creep belongs to a dissipation")
+        words = [one.law for one in self.all_laws]
+        if self.laws and (len(set(words)) < len(words) or "" in words):
+            raise ValueError(f"effect {self.name!r}: each of its laws needs a word of its own")
+        if any(one.name != self.name or one.laws for one in self.laws):
+            raise ValueError(f"effect {self.name!r}: its laws are effects of the same name")
+
+    @property
+    def all_laws(self) -> tuple[Effect, ...]:
+        """The effect itself and its other laws."""
+        return (self, *self.laws)
+
+    @property
+    def set_valued(self) -> bool:
+        """Whether the stress is no function of the rate, as with Coulomb's law."""
+        return self.bound is not None and self.dissipation is None
 
     @property
     def dissipative(self) -> bool:
-        """Whether the effect loses energy (a Rayleigh potential) or stores it."""
-        return self.dissipation is not None
+        """Whether the effect loses energy or stores it."""
+        return self.dissipation is not None or self.set_valued
 
     def stored(self, point: Point, values: Values) -> Any:
         """Return the stored energy density (J/m^2) at ``point``; zero if dissipative."""

@@ -1,10 +1,12 @@
-"""The smooth stand-in for Coulomb's law that both kinds of friction share."""
+"""Coulomb's law and its smooth stand-in, which both kinds of friction share."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import ufl
+
+from .effect import Bound, Values
 
 
 def log_cosh(x: Any) -> Any:
@@ -26,3 +28,17 @@ def smoothed_coulomb(rate: Any, strength: Any, slope: Any) -> Any:
         slope: eta, the inverse of the rate at which friction saturates.
     """
     return strength / slope * log_cosh(slope * rate)
+
+
+def _strength(values: Values) -> Any:
+    return values["strength"]
+
+
+def _creep(stress: Any, values: Values) -> Any:
+    """Return the rate artanh(stress/zeta)/eta."""
+    zeta = values["strength"]
+    return ufl.ln((zeta + stress) / (zeta - stress)) / (2 * values["slope"])
+
+
+#: The smooth law from the stress, and Coulomb's: no rate below the strength, any at it.
+SMOOTH, COULOMB = Bound(_strength, _creep), Bound(_strength)

@@ -1,7 +1,8 @@
 """Friction of yarns that slide over each other, eqs. (7) to (9).
 
 R = zeta/eta sum_i log cosh(eta w_i), with w_i the components of the rate of
-chi_1 - chi_2 along the reference directions D_1 and D_2.
+chi_1 - chi_2 along the reference directions D_1 and D_2. Its limit as eta grows is
+Coulomb's law for each component.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from typing import Any
 import ufl
 
 from .effect import Effect, Needs, Parameter, Values
-from .friction import smoothed_coulomb
+from .friction import COULOMB, SMOOTH, smoothed_coulomb
 from .kinematics import Point
 
 
@@ -25,15 +26,31 @@ def dissipation(rate: Any, values: Values) -> Any:
     return sum(smoothed_coulomb(rate[i], values["strength"], values["slope"]) for i in range(2))
 
 
+STRENGTH = Parameter("strength", "N/m^2", "largest friction stress zeta")
+
 EFFECT = Effect(
     name="slip_friction",
     summary="Friction between sliding yarns, paper eqs. (7) to (9)",
     parameters=(
-        Parameter("strength", "N/m^2", "largest friction stress zeta"),
+        STRENGTH,
         Parameter("slope", "s/m", "eta, one over the slip rate of saturation", zero_allowed=False),
     ),
     needs=Needs(placements=2, rate=True),
     dissipation=dissipation,
     measure=slip,
+    bound=SMOOTH,
     resists=frozenset({"slipping"}),
+    law="smooth",
+    laws=(
+        Effect(
+            name="slip_friction",
+            summary="Friction between sliding yarns, the limit of a large slope",
+            parameters=(STRENGTH,),
+            needs=Needs(placements=2, increment=True),
+            measure=slip,
+            bound=COULOMB,
+            resists=frozenset({"slipping"}),
+            law="coulomb",
+        ),
+    ),
 )

@@ -1,6 +1,6 @@
 """Friction of yarns that turn on each other, eqs. (10) and (11).
 
-R = zeta/eta log cosh(eta dgamma/dt).
+R = zeta/eta log cosh(eta dgamma/dt), and Coulomb's law as eta grows.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from .effect import Effect, Needs, Parameter, Values
-from .friction import smoothed_coulomb
+from .friction import COULOMB, SMOOTH, smoothed_coulomb
 from .kinematics import Point, shear_angle
 
 
@@ -22,11 +22,13 @@ def dissipation(rate: Any, values: Values) -> Any:
     return smoothed_coulomb(rate, values["strength"], values["slope"])
 
 
+STRENGTH = Parameter("strength", "N/m", "largest friction torque per area zeta_spin")
+
 EFFECT = Effect(
     name="spin_friction",
     summary="Friction between yarns that rotate on each other, paper eqs. (10) and (11)",
     parameters=(
-        Parameter("strength", "N/m", "largest friction torque per area zeta_spin"),
+        STRENGTH,
         Parameter(
             "slope", "s", "eta_spin, one over the shear rate of saturation", zero_allowed=False
         ),
@@ -34,5 +36,19 @@ EFFECT = Effect(
     needs=Needs(rate=True),
     dissipation=dissipation,
     measure=angle,
+    bound=SMOOTH,
     resists=frozenset({"shearing"}),
+    law="smooth",
+    laws=(
+        Effect(
+            name="spin_friction",
+            summary="Friction between yarns that rotate on each other, the limit of a large slope",
+            parameters=(STRENGTH,),
+            needs=Needs(increment=True),
+            measure=angle,
+            bound=COULOMB,
+            resists=frozenset({"shearing"}),
+            law="coulomb",
+        ),
+    ),
 )

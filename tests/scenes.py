@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.catalogue import effects
+from forms.effect import Effect
 from wovenfab.model.assembly import (
     assemble_matrix,
     assemble_scalar,
@@ -70,10 +71,19 @@ def model(
     values: Mapping[str, Mapping[str, float | tuple[float, float]]] = TABLE_1,
     rotation_edges: Sequence[str] = (),
 ) -> Model:
-    """Return the compiled model of the named effects; edges hold both families' rotation."""
-    chosen = [effects()[name] for name in names]
+    """Return the compiled model of the named effects; edges hold both families' rotation.
+
+    A law of an effect is named after a colon: ``"slip_friction:coulomb"``.
+    """
+    chosen = [effect(name) for name in names]
     held = (rotation_edges, rotation_edges)
     return build_model(on, chosen, values, numerics or Numerics(2), held)
+
+
+def effect(name: str) -> Effect:
+    """Return an effect of the catalogue, or the law of one."""
+    name, _, law = name.partition(":")
+    return next(e for e in effects()[name].all_laws if law in (e.law, ""))
 
 
 def solver(

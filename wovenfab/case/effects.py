@@ -22,12 +22,19 @@ from forms import catalogue
 from forms.effect import Effect, Parameter
 
 from .expression import Expression
-from .files import FILE
+from .files import FILE, LAW
 from .own_effects import OwnEffect, OwnEffects
+from .parameters import (
+    chosen_from,
+    field,
+    law_of,
+    models_of,
+    quantity,
+    schema_of,
+    values_of,
+)
 from .scene import Scene, SceneEffect
-from .units import KINDS
-from .values import Json, OneOr, Section, hide_default
-from .varying import Varying
+from .values import Json, Section, hide_default
 
 _TELL = "What the sheet resists and dissipates; what is not listed is not simulated."
 _FILE = "Python file beside the case that defines EFFECT, an effect of your own."
@@ -40,17 +47,9 @@ _OWN_SCHEMA: Json = {
 }
 
 
-def quantity(parameter: Parameter) -> Varying:
-    """Return how one value of a parameter is read and written."""
-    unit = _unit(parameter)
-    if parameter.above is not None:
-        return Varying(unit=unit, above=parameter.above)
-    return Varying(unit=unit, least=0) if parameter.zero_allowed else Varying(unit=unit, above=0)
-
-
 def own_schemas(own: Iterable[Effect]) -> dict[str, Json]:
     """Return the JSON Schema of the values of some effects by their names."""
-    return {effect.name: _values_model(effect).model_json_schema() for effect in own}
+    return {effect.name: schema_of(effect) for effect in own}
 
 
 class EffectsSection:
@@ -87,20 +86,22 @@ def _read(data: Any, info: ValidationInfo) -> Scene:
     known: list[tuple[Effect, Path | None]] = [(e, None) for e in catalogue.effects().values()]
     known += [(e.effect, e.file) for e in own.values() if isinstance(e, OwnEffect)]
     return tuple(
-        SceneEffect(effect, _values(effect, given), file)
+        _chosen(effect, given, file)
         for effect, file in known
-        if (given := getattr(section, _field(effect.name))) is not None
+        if (given := getattr(section, field(effect.name))) is not None
     )
 
 
-def _values(effect: Effect, given: Section) -> dict[str, Any]:
-    return {p.name: getattr(given, _field(p.name)) for p in effect.parameters}
+def _chosen(effect: Effect, given: Section, file: Path | None) -> SceneEffect:
+    law = law_of(effect, given)
+    return SceneEffect(law, values_of(law, given), file)
 
 
 def _plain(scene: Scene, written: bool) -> dict[str, Any]:
     """Return values by effect and parameter, with their units if they are to be written."""
     return {
         e.name: ({} if e.file is None else {FILE: str(e.file)})
+        | ({LAW: e.effect.law} if e.effect.law else {})
         | {p.name: _written(p, e.values[p.name], written) for p in e.effect.parameters}
         for e in scene
     }
@@ -114,47 +115,36 @@ def _written(parameter: Parameter, value: Any, with_unit: bool) -> Any:
     return value
 
 
-def _field(name: str) -> str:
-    """Return a name for a field that nothing else has: keys are free, attributes are not."""
-    return f"{name}_"
-
-
 def _section_model(own: OwnEffects) -> type[Section]:
     """Return a model with one optional field for each effect that there is."""
     known = _catalogue_model(tuple(catalogue.effects().values()))
-    fields = _fields({name: _own_model(e) for name, e in own.items()})
+    fields = _fields({name: _own_kind(e) for name, e in own.items()})
     return create_model("Effects", __base__=known, __doc__=_TELL, **fields)
 
 
 @cache
 def _catalogue_model(effects: tuple[Effect, ...]) -> type[Section]:
-    fields = _fields({effect.name: _values_model(effect) for effect in effects})
+    fields = _fields({e.name: (chosen_from(models_of(e)), e.summary) for e in effects})
     return create_model("Effects", __base__=Section, __doc__=_TELL, **fields)
 
 
-def _fields(models: Mapping[str, type[Section]]) -> Any:
+def _fields(kinds: Mapping[str, tuple[Any, str]]) -> Any:
+    """Return an optional field for each effect from its kind and what it is."""
     return {
-        _field(name): (
-            model,
-            Field(
-                default=None, alias=name, description=model.__doc__, json_schema_extra=hide_default
-            ),
+        field(name): (
+            kind,
+            Field(default=None, alias=name, description=told, json_schema_extra=hide_default),
         )
-        for name, model in models.items()
+        for name, (kind, told) in kinds.items()
     }
 
 
-def _values_model(effect: Effect) -> type[Section]:
-    fields: Any = {_field(p.name): (_kind(p), _described(p)) for p in effect.parameters}
-    return create_model(effect.name, __base__=Section, __doc__=effect.summary, **fields)
-
-
-def _own_model(own: OwnEffect | PydanticCustomError) -> type[Section]:
+def _own_kind(own: OwnEffect | PydanticCustomError) -> tuple[Any, str]:
     if isinstance(own, PydanticCustomError):
-        return _refused(own)
-    path, base = own.file, _values_model(own.effect)
+        return _refused(own), ""
+    path, effect = own.file, own.effect
     file: Any = (Annotated[Path, PlainValidator(lambda _: path)], Field(alias=FILE))
-    return create_model(own.effect.name, __base__=base, __doc__=base.__doc__, file_=file)
+    return chosen_from(models_of(effect, {field(FILE): file})), effect.summary
 
 
 def _refused(error: PydanticCustomError) -> type[Section]:
@@ -169,21 +159,3 @@ def _refused(error: PydanticCustomError) -> type[Section]:
         file: Annotated[Any, BeforeValidator(refuse)]
 
     return Refused
-
-
-def _kind(parameter: Parameter) -> Any:
-    one = Annotated[Any, quantity(parameter)]
-    return Annotated[tuple[one, one], OneOr(2)] if parameter.per_family else one
-
-
-def _unit(parameter: Parameter) -> str:
-    return "" if parameter.unit == "1" else parameter.unit
-
-
-def _described(parameter: Parameter) -> Any:
-    example = KINDS.get(_unit(parameter), ("", f"1 {parameter.unit}"))[1]
-    more: Mapping[str, Any] = {}
-    if parameter.default is not None:
-        both = (parameter.default,) * 2
-        more = {"default": both if parameter.per_family else parameter.default}
-    return Field(alias=parameter.name, description=parameter.meaning, examples=[example], **more)

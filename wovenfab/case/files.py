@@ -15,6 +15,8 @@ from .problems import describe, one_of, wrong
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
+#: Key that chooses among the laws of an effect.
+LAW = "law"
 COLUMNS = ("time_s", "displacement_m")
 
 

@@ -21,6 +21,7 @@ def needs_of(effects: Iterable[Effect]) -> Needs:
         placements=max((n.placements for n in needs), default=1),
         second_gradient=any(n.second_gradient for n in needs),
         rate=any(n.rate for n in needs),
+        increment=any(n.increment for n in needs),
     )
 
 

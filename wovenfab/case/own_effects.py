@@ -23,11 +23,13 @@ from forms import catalogue
 from forms.effect import Effect
 
 from . import units
-from .files import FILE, existing_file
+from .files import FILE, LAW, existing_file
 from .needs import RESISTIBLE
 from .own_trial import REMEDY, try_forms
 from .problems import in_brief, one_of, wrong
 
+#: Keys of an effect that are no parameters.
+RESERVED = (FILE, LAW)
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
@@ -74,13 +76,15 @@ def _own_effect(key: str, value: Any, folder: Path) -> OwnEffect:
             f"{value} defines the effect '{effect.name}', not '{key}'",
             f"Use '{effect.name}' as the key here, or set name=\"{key}\" there.",
         )
-    if unknown := sorted(effect.resists - set(RESISTIBLE)):
+    resisted = frozenset().union(*(law.resists for law in effect.all_laws))
+    if unknown := sorted(resisted - set(RESISTIBLE)):
         raise wrong(
             f"{value}: the effect resists '{unknown[0]}', which is not known",
             f"It may be {one_of(RESISTIBLE)}.",
         )
-    _check_parameters(effect, value)
-    _check_forms(effect, path, value)
+    for law in effect.all_laws:
+        _check_parameters(law, value)
+        _check_forms(law, path, value)
     return OwnEffect(effect, path)
 
 
@@ -133,10 +137,10 @@ def _lines(error: BaseException, path: Path) -> list[int | None]:
 
 def _check_parameters(effect: Effect, value: str) -> None:
     for name, times in Counter(p.name for p in effect.parameters).items():
-        if not _NAME.fullmatch(name) or name == FILE or times > 1:
+        if not _NAME.fullmatch(name) or name in RESERVED or times > 1:
             raise wrong(
                 f"{value}: a parameter cannot be named {name!r}",
-                f"Names are unique, of letters, digits and '_', and not '{FILE}'.",
+                f"Names are unique, of letters, digits and '_', and not {one_of(RESERVED)}.",
             )
     for parameter in effect.parameters:
         try:

@@ -9,6 +9,7 @@ from typing import Any
 import ufl
 
 from forms.balance import Balance, Rate, Term
+from forms.carried import Carried, size_of
 from forms.effect import Effect
 from forms.places import point_of
 
@@ -48,8 +49,7 @@ def try_forms(effect: Effect) -> None:
         ValueError: If an energy is not one number at each point.
         Exception: Whatever the functions of the effect, or UFL about them, raise.
     """
-    balance = _balance(effect)
-    (term,) = balance.terms
+    term, balance = _balance(effect)
     point = point_of(balance.field, balance.fibres, balance.second_gradient)
     if effect.energy is not None:
         _require_scalar("energy", effect.energy(point, term.values))
@@ -66,6 +66,23 @@ def try_forms(effect: Effect) -> None:
     balance.power()
     balance.residual(test)
     balance.jacobian(trial, test, ufl.Coefficient(space))
+    if effect.bound is not None:
+        _try_bound(term, balance, trial, test)
+
+
+def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
+    """Form what a friction with carried stress consists of."""
+    import basix.ufl
+
+    size, degree = size_of(term, balance), DEGREE
+    element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
+    space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
+    carried = Carried(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
+    _require_scalar("the strength of a bound", carried.strength())
+    carried.jacobian(trial, test)
+    carried.residual(test)
+    carried.creep()
+    carried.loss()
 
 
 def _require_scalar(what: str, found: Any) -> None:
@@ -79,8 +96,8 @@ def _require_scalar(what: str, found: Any) -> None:
         raise ValueError(f"{what} gives a value of shape {value.ufl_shape}, not one number")
 
 
-def _balance(effect: Effect) -> Balance:
-    """Return the balance of the effect alone, with nothing but symbols in it."""
+def _balance(effect: Effect) -> tuple[Term, Balance]:
+    """Return the effect and the balance of it alone, with nothing but symbols in it."""
     import basix.ufl  # not for those without effects of their own
 
     def element(degree: int, size: int) -> Any:
@@ -94,11 +111,12 @@ def _balance(effect: Effect) -> Balance:
         for p in effect.parameters
     }
     rate = Rate((ufl.Constant(mesh), ufl.Constant(mesh)), (ufl.Coefficient(space),))
-    return Balance(
-        terms=(Term(effect, values, 1),),
+    term = Term(effect, values, 1)
+    return term, Balance(
+        terms=() if effect.set_valued else (term,),
         fibres=fibres,
         field=ufl.Coefficient(space),
-        rate=rate if effect.needs.rate else None,
+        rate=rate if effect.needs.history else None,
         degree=DEGREE,
         quadrature=2 * DEGREE,
         held_edges=(ufl.ds(0), ufl.ds(0)),

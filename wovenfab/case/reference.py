@@ -18,18 +18,21 @@ Written by `make docs` from the files in [forms/](../forms). Energies and potent
 
 def effects_page() -> str:
     """Return the page in Markdown."""
-    return _HEAD + "".join(_row(effect) for effect in catalogue.effects().values())
+    known = catalogue.effects().values()
+    return _HEAD + "".join(_row(law, law is effect) for effect in known for law in effect.all_laws)
 
 
-def _row(effect: Effect) -> str:
+def _row(effect: Effect, default: bool) -> str:
+    name = f"`{effect.name}`" if default else f"`{effect.name}` with `law: {effect.law}`"
     parameters = "; ".join(map(_parameter, effect.parameters))
     needs = (
         (effect.needs.placements == 2, "two placements"),
         (effect.needs.second_gradient, "second gradients"),
         (effect.needs.rate, "rates"),
+        (effect.needs.increment, "history"),
     )
     needed = ", ".join(what for is_needed, what in needs if is_needed)
-    cells = (f"`{effect.name}`", effect.summary, parameters, needed)
+    cells = (name, effect.summary, parameters, needed)
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |\n"
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from . import needs
 from .boundary import EdgeCondition
-from .effects import quantity
 from .expression import NUMPY_FUNCTIONS, Expression
+from .parameters import quantity
 from .problems import Path
 from .scene import Scene, SceneEffect, Value
 

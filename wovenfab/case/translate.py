@@ -33,7 +33,7 @@ def problems_in(
             misspelt.add((*path[:-1], nearest(path[-1], keys) or ""))
         message, remedy = _words(dict(item), path, keys)
         if item["type"].startswith("union_tag"):
-            path = (*path, "type")
+            path = (*path, item["ctx"]["discriminator"].strip("'()"))
         if missing and isinstance(path[-1], int):
             path = path[:-1]
         yield document.problem(path, message, remedy)
@@ -56,7 +56,8 @@ def _words(item: Mapping[str, Any], path: Path, keys: Mapping[str, Any]) -> tupl
             own = f"One of your own takes its file: '{path[-1]}: {{file: {path[-1]}.py}}'."
             if noun == "effect":
                 return "unknown effect", f"{meant} {known}".strip() if meant else f"{known} {own}"
-            return "unknown key", meant or known
+            law = keys.get("law", {}).get("const")
+            return f"unknown key with the law '{law}'" if law else "unknown key", meant or known
         case "literal_error" | "union_tag_invalid":
             said = context.get("expected") or context["expected_tags"]
             options = said.replace("'", "").replace(" or ", ", ").split(", ")
@@ -106,14 +107,15 @@ def _keys(schema: Mapping[str, Any], data: Any, path: Path) -> Mapping[str, Any]
 def _forms(
     root: Mapping[str, Any], schema: Mapping[str, Any], data: Any
 ) -> Iterator[Mapping[str, Any]]:
-    """Yield the alternatives of a schema, less those for another ``type``."""
+    """Yield the alternatives of a schema, less those for another ``type`` or ``law``."""
     if "$ref" in schema:
         yield from _forms(root, root["$defs"][schema["$ref"].split("/")[-1]], data)
     for alternative in (*schema.get("anyOf", ()), *schema.get("oneOf", ())):
         yield from _forms(root, alternative, data)
-    kind = schema.get("properties", {}).get("type", {}).get("const")
-    if isinstance(data, dict) and kind and data.get("type", kind) != kind:
-        return
+    for key in ("type", "law") if isinstance(data, dict) else ():
+        kind = schema.get("properties", {}).get(key, {}).get("const")
+        if kind and data.get(key, kind) != kind:
+            return
     if schema.get("type") in ("object", "array"):
         yield schema
 

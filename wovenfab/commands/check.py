@@ -54,11 +54,12 @@ def describe(case: Case, unknowns: int, steps: int) -> list[str]:
     curving = [e.name for e in case.scene if e.effect.needs.second_gradient]
     facets = f"facet integrals ({', '.join(curving)})" if curving else "no facet integrals"
     time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
+    present = [f"{e.name} ({e.effect.law})" if e.effect.law else e.name for e in case.scene]
     inert = [e.name for e in case.scene if e not in acting(case.scene)]
     added = [e for name, e in effects().items() if name not in case.effects]
     return [
         f"{case.name}: {case.title}" if case.title else case.name,
-        f"effects: {', '.join(case.effects)}",
+        f"effects: {', '.join(present)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
         f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
@@ -79,6 +80,7 @@ def _brought(now: Needs, more: Needs) -> str:
             "second gradients and facet integrals",
         ),
         (more.rate and not now.rate, "rates, history and time"),
+        (more.increment and not now.history, "history"),
     )
     found = [what for is_new, what in news if is_new]
     return " and ".join(found) or "its own terms only"

@@ -28,7 +28,7 @@ def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Foun
     found = pilot(case, lambda c: sheet_for(c, path, overrides), tell)
     d = found.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
-    steps = f", {found.case.time.steps_per_cycle} steps a cycle" if case.needs.rate else ""
+    steps = f", {found.case.time.steps_per_cycle} steps a cycle" if case.needs.history else ""
     voice.say(f"chosen: degree {d.degree}, cells{size}{steps}")
     return found
 

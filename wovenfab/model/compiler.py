@@ -7,7 +7,7 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, TextIO
@@ -16,6 +16,7 @@ from dolfinx import default_scalar_type, fem
 from dolfinx.jit import ffcx_jit
 from mpi4py import MPI
 
+from wovenfab.model.assembly import Sum
 from wovenfab.parallel import agree
 
 #: Chosen by measurement on the default case: much quicker to compile than -O3, as fast to run.
@@ -96,6 +97,12 @@ def compile_forms(forms: Sequence[Any], comm: MPI.Comm) -> list[fem.Form]:
         _wait_asleep(comm)
         agree(comm, problem)
     return [compile_form(form) for form in forms]
+
+
+def compile_sums(sums: Mapping[str, Sequence[Any]], comm: MPI.Comm) -> dict[str, Sum]:
+    """Return sums of forms compiled under their names; collective."""
+    compiled = iter(compile_forms([form for forms in sums.values() for form in forms], comm))
+    return {name: tuple(next(compiled) for _ in forms) for name, forms in sums.items()}
 
 
 def _wait_asleep(comm: MPI.Comm) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -15,9 +14,11 @@ from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
 from forms.balance import Balance, Rate, Term
+from forms.carried import Carried
 from forms.effect import Effect
 from wovenfab.model.assembly import Sum, assemble_scalar
-from wovenfab.model.compiler import compile_forms
+from wovenfab.model.carrying import carried_by, carried_sums
+from wovenfab.model.compiler import compile_sums
 from wovenfab.model.facets import crossed_facets
 from wovenfab.model.loads import EdgeLoad, Loading, loading_of
 from wovenfab.model.placements import Placements, placements_on
@@ -39,6 +40,9 @@ class Numerics:
         penalty: sigma of the interior penalty; None for the automatic local value.
         history: Earlier states that the time scheme's rates use (0 without a rate).
         mixed: Use the mixed-integration-point tangent.
+        friction: Quadrature degree of set-valued friction; None for one less than the
+            element's. Such a rule has no more points than the slip has modes, so that the
+            stress of yarns that stick is unique.
     """
 
     degree: int
@@ -46,6 +50,7 @@ class Numerics:
     penalty: float | None = None
     history: int = 1
     mixed: bool = True
+    friction: int | None = None
 
 
 @dataclass(frozen=True)
@@ -55,6 +60,7 @@ class Model:
     Attributes:
         sheet: The meshed sheet.
         effects: The effects of the scene.
+        numerics: The discretisation.
         placements: The unknowns: one placement, or two that may jump.
         field: Present displacement, m.
         last: Displacement of the last iterate (mixed-integration-point tangent).
@@ -63,13 +69,18 @@ class Model:
         friction: Factor of all friction: 1, or 0 where the sheet shall come to rest.
         loading: The dead loads.
         balance: The symbolic balance.
-        residual, jacobian, potential: Sums of compiled forms.
-        power: Compiled form of the dissipated power; None without friction.
-        weights: Constant that scales an effect's share in potential and power.
+        residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
+            of the carried stresses.
+        power: Compiled form of the dissipated power; empty without a rate.
+        weights: Constant that scales an effect's share in potential, power and loss.
+        carried: Frictions whose stress is carried at quadrature points.
+        push: Compiled forms of the force of their stresses.
+        loss: Compiled forms of the energy that set-valued laws dissipate in the step.
     """
 
     sheet: Sheet
     effects: tuple[Effect, ...]
+    numerics: Numerics
     placements: Placements
     field: fem.Function
     last: fem.Function
@@ -81,8 +92,11 @@ class Model:
     residual: Sum
     jacobian: Sum
     potential: Sum
-    power: fem.Form | None
+    power: Sum
+    push: Sum
+    loss: Sum
     weights: Mapping[str, fem.Constant]
+    carried: tuple[Carried, ...]
 
     @property
     def comm(self) -> MPI.Comm:
@@ -123,10 +137,12 @@ class Model:
         return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
 
     def dissipated_power(self) -> dict[str, float]:
-        """Return the dissipated power (W) by effect; empty without friction."""
-        if self.power is None:
-            return {}
-        return self.shares((self.power,), [e.name for e in self.effects if e.dissipative])
+        """Return the dissipated power (W) of each effect that depends on a rate."""
+        return self.shares(self.power, [e.name for e in self.effects if e.needs.rate])
+
+    def dissipated_energy(self) -> dict[str, float]:
+        """Return the energy (J) that each set-valued law dissipates in the step."""
+        return self.shares(self.loss, [e.name for e in self.effects if e.set_valued])
 
 
 def build_model(
@@ -152,7 +168,8 @@ def build_model(
     placements = placements_on(mesh, numerics.degree, count, sheet.jumps)
     space = placements.space
     field, last = fem.Function(space), fem.Function(space)
-    kept = numerics.history if any(e.needs.rate for e in effects) else 0
+    remembered = any(e.needs.history for e in effects)
+    kept = numerics.history if remembered else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
@@ -160,7 +177,7 @@ def build_model(
     load_weight, friction = _constant(mesh, 1.0), _constant(mesh, 1.0)
     loading = loading_of(space, loads, lambda edge: on_edges([edge]))
     balance = Balance(
-        terms=terms,
+        terms=tuple(t for t in terms if not t.effect.set_valued),
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
         field=field,
         rate=Rate(rate_weights, history, friction) if kept else None,
@@ -172,13 +189,13 @@ def build_model(
         loads=loading.loads,
         load_weight=load_weight,
     )
-    forms = _forms_of(balance, placements, last if numerics.mixed else None)
-    compiled = iter(compile_forms([f for part in forms for f in part], mesh.comm))
-    sums = list(zip_longest(*([next(compiled) for _ in part] for part in forms)))
-    jacobian, residual, potential, *power = (tuple(f for f in s if f is not None) for s in sums)
+    degree = numerics.friction or max(numerics.degree - 1, 1)
+    carried = tuple(carried_by(t, balance, mesh, degree) for t in terms if t.effect.set_valued)
+    sums = _sums_of(balance, placements, last if numerics.mixed else None, carried)
     return Model(
         sheet=sheet,
         effects=tuple(effects),
+        numerics=numerics,
         placements=placements,
         field=field,
         last=last,
@@ -187,34 +204,35 @@ def build_model(
         friction=friction,
         loading=loading,
         balance=balance,
-        residual=residual,
-        jacobian=jacobian,
-        potential=potential,
-        power=power[0][0] if power else None,
         weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
+        carried=carried,
+        **compile_sums(sums, mesh.comm),
     )
 
 
-def _forms_of(balance: Balance, placements: Placements, last: Any) -> list[list[Any]]:
-    """Return tangent, residual, potential (and power): inside the sheet, then on its lines.
+def _sums_of(
+    balance: Balance, placements: Placements, last: Any, carried: Sequence[Carried]
+) -> dict[str, list[Any]]:
+    """Return the forms by the names of a model's attributes: inside the sheet, on its lines.
 
     The lines of both families have the same kernels where they are made alike.
     """
     trial, test = ufl.TrialFunction(placements.space), ufl.TestFunction(placements.space)
     power = balance.power()
-    inside = [balance.jacobian(trial, test, last), balance.residual(test), balance.potential()]
-    forms = [inside if power is None else [*inside, power]]
+    sums = {
+        "jacobian": [balance.jacobian(trial, test, last)],
+        "residual": [balance.residual(test)],
+        "potential": [balance.potential()],
+        "power": [] if power is None else [power],
+    }
     for family, space in enumerate(placements.families):
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
         if lines := balance.lines(family, fem.Function(space, balance.field.x)):
-            forms.append(
-                [
-                    sum(line.jacobian(trial, test) for line in lines),
-                    sum(line.residual(test) for line in lines),
-                    sum(line.potential() for line in lines),
-                ]
-            )
-    return forms
+            sums["jacobian"].append(sum(line.jacobian(trial, test) for line in lines))
+            sums["residual"].append(sum(line.residual(test) for line in lines))
+            sums["potential"].append(sum(line.potential() for line in lines))
+    more = carried_sums(carried, placements.space)
+    return {name: [*sums.get(name, ()), *more.get(name, ())] for name in {**sums, **more}}
 
 
 def _constant(mesh: Any, value: Any) -> fem.Constant:

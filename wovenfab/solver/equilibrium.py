@@ -3,6 +3,7 @@
 SNES calls back for residual and Jacobian; before it takes a step, the step is cut
 to stay admissible (no crossing of the families) and then, once the prescribed
 placements are attained, backtracked until the incremental potential falls enough.
+Where friction is too sharp for that, its stress is carried at quadrature points.
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ from wovenfab.model.assembly import (
     assemble_vector,
     create_matrix,
 )
+from wovenfab.model.carrying import carrying
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
+from wovenfab.solver.carried import CarriedStress
 from wovenfab.solver.inertia import Inertia, start_vector
 from wovenfab.solver.pivots import factor_status
 
@@ -41,6 +44,8 @@ STUCK = 2
 EPSILON = float(np.finfo(np.float64).eps)
 #: A change of the potential below this share of it is round-off, not an increase.
 ROUND_OFF = 1e-12
+#: Iterations after which friction that can be carried is.
+PATIENCE = 12
 
 
 @dataclass(frozen=True)
@@ -98,7 +103,7 @@ class Equilibrium:
 
     def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
         """Create matrix, vectors, factorisation and SNES for a model."""
-        self._model = model
+        self._model = self._plain = model
         self._constraints = constraints
         self._controls = controls
         self.barrier = Barrier(model)
@@ -129,6 +134,11 @@ class Equilibrium:
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         largest = float(mesh.h(2, cells).max(initial=0.0))
         self._cell_size = float(model.comm.allreduce(largest, op=MPI.MAX))
+        self._most = controls.max_iterations
+        # The stress of set-valued friction is always carried, that of others when it must be.
+        self._always = self._stresses_of(model) if model.carried else None
+        self._carried = self._always
+        self._sharp: tuple[Model, CarriedStress] | None = None
         self.inertia = Inertia(
             self._snes.getKSP(),
             self._matrix,
@@ -167,6 +177,38 @@ class Equilibrium:
         The model's ``last`` field must hold the last equilibrium. On success the
         field holds the new one; otherwise it is undefined and the caller restores it.
         """
+        field, last = self._model.field.x.array, self._model.last.x.array
+        start, before = field.copy(), last.copy()
+        can_carry = any(t.effect.bound for t in self._model.balance.terms)
+        self._most = min(self._controls.max_iterations, PATIENCE if can_carry else np.inf)
+        outcome = self._solve()
+        if can_carry and outcome.reason == REASONS[Reason.DIVERGED_MAX_IT]:
+            field[:], last[:] = start, before
+            self._carry()
+            again = self._solve()
+            if again.converged:
+                return again
+            self._model, self._carried = self._plain, self._always
+        return outcome
+
+    def _carry(self) -> None:
+        """Go over to forms that carry the stress of all friction that can be carried."""
+        if self._sharp is None:
+            model = carrying(self._plain)
+            self._sharp = model, self._stresses_of(model)
+        self._model, self._carried = self._sharp
+
+    def _stresses_of(self, model: Model) -> CarriedStress:
+        return CarriedStress(model, self.barrier.step, self._constraints.bcs)
+
+    def _size_of_tangent(self) -> float:
+        """Assemble the tangent of the model's present field; return its diagonal's size, N/m."""
+        assemble_matrix(self._matrix, self._model.jacobian, self._constraints.bcs)
+        self._matrix.getDiagonal(self._diagonal)
+        return float(self._diagonal.norm())
+
+    def _solve(self) -> Outcome:
+        """Solve with the present forms."""
         field = self._model.field
         before = self._model.last.x.array[: self._solution.getLocalSize()].copy()
         self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
@@ -174,6 +216,8 @@ class Equilibrium:
         self._stuck, self._norm = 0, np.nan
         self._attained = not self._constraints.unmet(field)
         self.inertia.restart()
+        if self._carried:
+            self._carried.begin(self._size_of_tangent)
         self._snes.solve(None, self._solution)
         self._load(self._solution)
         reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
@@ -189,6 +233,16 @@ class Equilibrium:
             residual=self._norm,
             negatives=negatives,
         )
+
+    def keep(self) -> None:
+        """Take what friction carries for that of the accepted state."""
+        if self._carried:
+            self._carried.keep()
+
+    def restore(self) -> None:
+        """Go back to what friction carried in the accepted state."""
+        if self._carried:
+            self._carried.restore()
 
     def _unseen(self, before: NDArray[np.float64]) -> float:
         """Return how far from here the tangent was formed, over the way from the last solution."""
@@ -227,6 +281,8 @@ class Equilibrium:
         for name in self._options:
             PETSc.Options().delValue(name)
         self.inertia.destroy()
+        for stresses in {self._always, self._sharp[1] if self._sharp else None} - {None}:
+            stresses.destroy()
         for item in (self._snes, self._matrix, self._residual, self._solution, self._diagonal):
             item.destroy()
 
@@ -238,13 +294,17 @@ class Equilibrium:
 
     def _assemble_force(self, b: Any) -> None:
         assemble_vector(b, self._model.residual)
+        if self._carried:
+            self._carried.add_force(b)
 
     def _evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
         """Residual with the prescribed values lifted, so that one step attains them."""
         self._load(x)
-        self._assemble_force(b)
         if not self._attained:
             self._attained = not self._constraints.unmet(self._model.field)
+        if self._carried:
+            self._carried.prepare_force(self._attained)
+        self._assemble_force(b)
         bcs, at = self._constraints.bcs, self._model.field.x.petsc_vec
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.force = b.array_r.copy()
@@ -260,11 +320,12 @@ class Equilibrium:
     def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         self._load(x)
         self._assembled[:] = x.array_r
-        assemble_matrix(matrix, self._model.jacobian, self._constraints.bcs)
+        if self._carried:
+            self._carried.prepare_tangent()
+        size = self._size_of_tangent()
         # Strains are differences of displacements, which are known to a rounding error of
         # their own size, and of the cell's where they are small.
-        matrix.getDiagonal(self._diagonal)
-        self._stiffness = self._diagonal.norm()
+        self._stiffness = self._carried.diagonal if self._carried else size
         self._blur = EPSILON * max(x.norm(PETSc.NormType.INFINITY), self._cell_size)
 
     def _assemble_tangent(self) -> None:
@@ -290,10 +351,14 @@ class Equilibrium:
         if self._attained and self._controls.descend:
             self.inertia.descend(self._snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
+        inside = self._carried.correct(self._snes.getKSP(), y) if self._carried else 1.0
         barrier.step.x.array[: y.getLocalSize()] = -y.array_r
         barrier.step.x.scatter_forward()
-        length = min(1.0, SHARE * barrier.limit()) if self._controls.step_limit else 1.0
-        if self._attained and self._controls.line_search:
+        limit = SHARE * barrier.limit() if self._controls.step_limit else 1.0
+        length = min(inside, limit)
+        if self._carried:
+            self._carried.go(length)
+        elif self._attained and self._controls.line_search:
             length = self._backtrack(y, length)
         else:
             self._potential, self._decrement = None, np.inf
@@ -334,7 +399,7 @@ class Equilibrium:
         if not np.isfinite([residual, self._force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
         tolerance = self._controls.tolerance
-        if self._attained:
+        if self._attained and (not self._carried or self._is_lawful()):
             force = max(self._force_scale, self._force_norm)
             energy = max(self._energy_scale, abs(self._potential or 0.0))
             if residual <= max(tolerance * force, self._blur * self._stiffness):
@@ -344,6 +409,15 @@ class Equilibrium:
                 return int(Reason.CONVERGED_SNORM_RELATIVE)
         if self._stuck >= STUCK:
             return int(Reason.DIVERGED_LINE_SEARCH)
-        if iteration >= self._controls.max_iterations:
+        if iteration >= self._most:
             return int(Reason.DIVERGED_MAX_IT)
         return int(Reason.CONVERGED_ITERATING)
+
+    def _is_lawful(self) -> bool:
+        """Return whether the carried stresses meet their laws."""
+        return self._carried.settled(self._controls.tolerance, self._scale_of_energy)
+
+    def _scale_of_energy(self) -> float:
+        """Return the largest energy (J) of an equilibrium so far, and of this state."""
+        self._potential = self.energy()
+        return max(self._energy_scale, abs(self._potential))

@@ -226,6 +226,7 @@ class March:
 
     def _restore(self) -> None:
         self._model.field.x.array[:] = self._states[0]
+        self._equilibrium.restore()
 
     def _accept(self, until: float, jump: bool) -> None:
         """Take the converged stage state; account work and dissipation."""
@@ -234,6 +235,8 @@ class March:
         field = model.field.x.array
         stage = Forces(self._equilibrium.force, model.loading.force(), model.dissipated_power())
         increment = (field - self._states[0]) / scheme.stage
+        for name, energy in model.dissipated_energy().items():
+            self._dissipated[name] += energy / scheme.stage
         if scheme.stage < 1:
             field[:] = self._states[0] + increment
             if model.rate_weights:
@@ -250,6 +253,7 @@ class March:
         for name, power in mean.power.items():
             self._dissipated[name] += step * power
         self._before = now
+        self._equilibrium.keep()
         self._states = [field.copy(), *self._states[:3]]
         self._steps = [step, *([] if jump else self._steps[:2])]
         self._time = until

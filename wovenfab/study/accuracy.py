@@ -59,7 +59,7 @@ def study(
     steps = Steps(path, tuple(overrides), case)
     now = Study()
     climb = Climb(path, tuple(overrides), runner, now, tell, _ENOUGH * TARGETS[-1])
-    in_time = case.needs.rate and steps.can_vary
+    in_time = case.needs.history and steps.can_vary
     coarse = steps.with_factor(COARSEST)
     methods = space_methods(case)
     ladders = [space_ladder(m, coarse) for m in methods]

@@ -125,9 +125,9 @@ def ladder_of(case: Case, sheet: Sheet, tell: Tell) -> Ladder:
 def pair_of(case: Case, sheet: Sheet, tell: Tell) -> Pair | None:
     """Return the answers of a case from half its steps and from all; collective.
 
-    None where nothing depends on rates, or the program fixes its steps.
+    None where nothing depends on history, or the program fixes its steps.
     """
-    if not case.needs.rate or keeps_its_steps(case):
+    if not case.needs.history or keeps_its_steps(case):
         return None
     cases = paced(case, 0.5), case
     counts = steps_in(cases[0]), steps_in(case)

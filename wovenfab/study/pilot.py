@@ -73,7 +73,7 @@ def pilot(case: Case, mesher: Mesher, tell: Tell, most: float | None = None) -> 
 
 def _steps(case: Case, sheet: Sheet, wanted: float, tell: Tell) -> tuple[Case, Pair | None]:
     """Return the case with steps that are short enough, and the answers that show it."""
-    if not case.needs.rate or keeps_its_steps(case):
+    if not case.needs.history or keeps_its_steps(case):
         return case, None
     found: Pair | None = None
     chosen, before = case, paced(case, SHARES[0] / 2)

@@ -1,0 +1,230 @@
+"""Newton's steps with friction whose stress is carried at quadrature points.
+
+Each step solves twice with one factor of the tangent: where the stresses would go if the
+law were to be met at once, and there again with the centring and the second-order terms
+that this teaches (Mehrotra's predictor and corrector).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from dolfinx import fem
+from dolfinx.fem import petsc as fem_petsc
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from wovenfab.model.model import Model
+from wovenfab.solver.interior import Aim, Interior, Move
+from wovenfab.solver.points import Points
+
+Array = NDArray[np.float64]
+#: Share of the way to the bounds that a step may take, and exponent of the centring.
+SHARE, CENTRING = 0.995, 3
+#: Stiffness of the friction in the step that finds where to start, and its largest one
+#: later, both over that of the sheet. The solution depends on neither.
+FIRST, LARGEST = 1e-3, 1e6
+#: Increment that is nothing, over the one at which the first stiffness reaches the bound.
+NOTHING = 1e-6
+#: The law is met well enough, too, if it is missed by this share of the tolerance of energy.
+SMALL_LOSS = 1e-3
+HUGE = 1e30
+
+
+class CarriedStress:
+    """The carried stresses of a model through Newton's steps.
+
+    Attributes:
+        diagonal: Size of the diagonal of the tangent without friction, N/m.
+    """
+
+    def __init__(self, model: Model, step: fem.Function, bcs: Sequence[fem.DirichletBC]) -> None:
+        """Find the points.
+
+        Args:
+            model: A model that carries stresses.
+            step: Displacement field along which changes are taken.
+            bcs: Prescribed placements.
+        """
+        self._push, self._bcs, self._comm = model.push, list(bcs), model.comm
+        self._factor = model.friction
+        self._step = step
+        self._points = points = Points(model.carried, step)
+        self._interior = Interior(points.bound, points.area)
+        self._area = self._sum(float(points.area.sum()))
+        self._stress = np.zeros_like(points.bound)  # the present one
+        self._accepted = self._stress
+        self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
+        self.diagonal = 0.0
+        self._started = self._moved = False
+        self._increment = self._tangent = self._creep = self._stress
+        self._move: Move | None = None
+        self._force = model.field.x.petsc_vec.duplicate()
+        self._answer = self._force.duplicate()
+
+    def begin(self, diagonal: Callable[[], float]) -> None:
+        """Begin a step at the accepted stresses; collective.
+
+        Args:
+            diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
+        """
+        self._started = self._moved = False
+        if self._stiffness is None:
+            self._stiffness = self._sheet_stiffness(diagonal)
+
+    def keep(self) -> None:
+        """Take the present stresses for those of the accepted state."""
+        self._accepted = self._stress
+
+    def restore(self) -> None:
+        """Go back to the stresses of the accepted state."""
+        self._show(self._accepted)
+
+    def prepare_force(self, attained: bool) -> None:
+        """Write the stresses that belong to the model's present field; collective.
+
+        Args:
+            attained: Whether the grips are in place.
+        """
+        if self._idle:
+            self._show(np.zeros_like(self._accepted))
+            return
+        self._increment = self._points.increments()
+        if self._started:
+            self._show(self._interior.stress)
+            return
+        assert self._stiffness is not None
+        first = FIRST * self._stiffness
+        self._points.put_tangent(first)
+        self._show(self._accepted + first * self._increment)
+        if attained and self._moved:
+            self._start()
+
+    def prepare_tangent(self) -> None:
+        """Write d tau/d b there."""
+        assert self._stiffness is not None
+        self._tangent = FIRST * self._stiffness * float(not self._idle)
+        if self._started:
+            self._creep, slope = self._points.creep()
+            self._tangent = self._interior.tangent(slope, LARGEST * self._stiffness)
+        self._points.put_tangent(self._tangent)
+
+    def add_force(self, b: Any) -> None:
+        """Add the force (N) of the stresses to a vector, ghosts not yet summed."""
+        if not self._idle:
+            for form in self._push:
+                fem_petsc.assemble_vector(b, form)
+
+    def correct(self, ksp: Any, y: Any) -> float:
+        """Complete Newton's step; collective.
+
+        Args:
+            ksp: Solver with the factor of the tangent.
+            y: Newton's step, to be subtracted, for stresses as they are; overwritten.
+
+        Returns:
+            Largest step length that keeps the stresses inside their bounds.
+        """
+        if not self._started:
+            return 1.0
+        interior, plain = self._interior, y.copy()
+        move = self._solve(ksp, plain, y, interior.aim(self._creep, 0.0))
+        length = min(1.0, self._least(interior.farthest(move)))
+        now, then = self._sum(interior.gap()), self._sum(interior.gap(move, length))
+        level = (then / now) ** CENTRING * now / (2 * self._area)
+        self._move = self._solve(ksp, plain, y, interior.aim(self._creep, level, move))
+        plain.destroy()
+        return min(1.0, SHARE * self._least(interior.farthest(self._move)))
+
+    def go(self, length: float) -> None:
+        """Take a step of some length."""
+        if self._started:
+            assert self._move is not None
+            self._interior.go(self._move, length)
+        self._moved = not self._idle
+
+    def settled(self, tolerance: float, energy: Callable[[], float]) -> bool:
+        """Return whether the law is met; collective.
+
+        Args:
+            tolerance: Energy by which it may be missed, relative.
+            energy: Returns the energy (J) of the sheet, which counts where little is lost.
+        """
+        if self._idle:
+            return True
+        if not self._started:  # nothing has moved, and nothing creeps
+            busy = self._points.creeps or bool(self._increment.any())
+            return not self._sum(float(busy))
+        gap, loss = self._sum(self._interior.gap()), self._sum(self._interior.loss())
+        return gap <= tolerance * loss or gap <= SMALL_LOSS * tolerance * energy()
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self._force.destroy()
+        self._answer.destroy()
+
+    @property
+    def _idle(self) -> bool:
+        """Whether all friction is left out, as where a sheet shall come to rest."""
+        return float(self._factor.value) == 0
+
+    def _start(self) -> None:
+        """Start the interior-point method from where the first step has led."""
+        points, interior = self._points, self._interior
+        assert self._stiffness is not None
+        least = NOTHING * points.bound / (FIRST * self._stiffness)
+        interior.place(self._stress)
+        self._show(interior.stress)
+        creep, _ = points.creep()
+        slip = np.maximum(points.largest(self._increment), least)
+        interior.split(self._increment - creep, slip)
+        self._started = True
+
+    def _solve(self, ksp: Any, plain: Any, y: Any, aim: Aim) -> Move:
+        """Solve for the displacements that an aim leads to; return how the stresses follow.
+
+        Args:
+            ksp: Solver with the factor of the tangent.
+            plain: Newton's step for stresses as they are.
+            y: Gets the step.
+            aim: What the stresses aim at.
+        """
+        excess = self._tangent * (self._increment - aim.increment)
+        self._points.put_stress(excess)
+        with self._force.localForm() as local:
+            local.set(0.0)
+        self.add_force(self._force)
+        self._force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(self._force, self._bcs, alpha=0.0)
+        ksp.solve(self._force, self._answer)
+        plain.copy(y)
+        y.axpy(1.0, self._answer)
+        self._step.x.array[: y.getLocalSize()] = -y.array_r
+        self._step.x.scatter_forward()
+        return self._interior.move(excess + self._tangent * self._points.changes(), aim)
+
+    def _sheet_stiffness(self, diagonal: Callable[[], float]) -> Array:
+        """Return the stiffness of the sheet as each point sees it, by the tangents' sizes."""
+        points = self._points
+        none = np.zeros_like(points.bound)
+        points.put_stress(none)
+        points.put_tangent(none)
+        self.diagonal = diagonal()
+        found = none
+        for mine in points.one_by_one():
+            points.put_tangent(HUGE * mine)
+            found = found + mine * self.diagonal / (diagonal() / HUGE)
+        return found
+
+    def _show(self, stress: Array) -> None:
+        self._stress = stress
+        self._points.put_stress(stress)
+
+    def _sum(self, value: float) -> float:
+        return float(self._comm.allreduce(value, op=MPI.SUM))
+
+    def _least(self, value: float) -> float:
+        return float(self._comm.allreduce(value, op=MPI.MIN))
