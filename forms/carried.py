@@ -7,7 +7,7 @@ law, where tau is no function of b, and the sound way for a steep one.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,10 +120,10 @@ class Carried:
 
     def _varied(self, field: Any) -> list[Any]:
         point, along = self._point(self.balance.field), self._vary(field)
-        return [
-            first_variation(lambda p, i=i: self._measured(p)[i], point, along)
-            for i in range(self.size)
-        ]
+        return [first_variation(self._component(i), point, along) for i in range(self.size)]
+
+    def _component(self, number: int) -> Callable[[Point], Any]:
+        return lambda point: self._measured(point)[number]
 
     def _point(self, field: Any) -> Point:
         return point_of(field, self.balance.fibres, self.balance.second_gradient)

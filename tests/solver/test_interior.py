@@ -56,9 +56,7 @@ def solve(
 
 @pytest.mark.parametrize("force", [0.0, 0.3, -0.999, 1.001, 2.5, -1e3])
 @pytest.mark.parametrize("stiffness", [1e-3, 1.0, 1e4])
-def test_one_point_sticks_below_its_bound_and_slides_beyond(
-    force: float, stiffness: float
-) -> None:
+def test_one_point_sticks_below_its_bound_and_slides_beyond(force: float, stiffness: float) -> None:
     b, stress, iterations = solve(np.array([[stiffness]]), np.array([force or 1e-9]), np.ones(1))
     excess = max(abs(force) - 1, 0.0) * np.sign(force)
     assert stiffness * b[0] == pytest.approx(excess, abs=1e-8 * max(abs(force), 1))

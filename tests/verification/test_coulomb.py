@@ -5,12 +5,9 @@ The second placement of a slider is held everywhere, so that the first slides on
 
 from __future__ import annotations
 
-from math import atan, pi, sqrt
-
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
 
 from forms.catalogue import effects
 from tests import scenes

@@ -139,6 +139,7 @@ class Equilibrium:
         self._always = self._stresses_of(model) if model.carried else None
         self._carried = self._always
         self._sharp: tuple[Model, CarriedStress] | None = None
+        self._can_carry = any(t.effect.bound for t in model.balance.terms)
         self.inertia = Inertia(
             self._snes.getKSP(),
             self._matrix,
@@ -177,18 +178,17 @@ class Equilibrium:
         The model's ``last`` field must hold the last equilibrium. On success the
         field holds the new one; otherwise it is undefined and the caller restores it.
         """
+        if self._model is not self._plain or not self._can_carry:
+            self._most = self._controls.max_iterations
+            return self._solve()
+        self._most = min(self._controls.max_iterations, PATIENCE)
         field, last = self._model.field.x.array, self._model.last.x.array
         start, before = field.copy(), last.copy()
-        can_carry = any(t.effect.bound for t in self._model.balance.terms)
-        self._most = min(self._controls.max_iterations, PATIENCE if can_carry else np.inf)
         outcome = self._solve()
-        if can_carry and outcome.reason == REASONS[Reason.DIVERGED_MAX_IT]:
+        if outcome.reason == REASONS[Reason.DIVERGED_MAX_IT]:
             field[:], last[:] = start, before
             self._carry()
-            again = self._solve()
-            if again.converged:
-                return again
-            self._model, self._carried = self._plain, self._always
+            return self._solve()
         return outcome
 
     def _carry(self) -> None:
@@ -197,6 +197,7 @@ class Equilibrium:
             model = carrying(self._plain)
             self._sharp = model, self._stresses_of(model)
         self._model, self._carried = self._sharp
+        self._most = self._controls.max_iterations
 
     def _stresses_of(self, model: Model) -> CarriedStress:
         return CarriedStress(model, self.barrier.step, self._constraints.bcs)
@@ -258,6 +259,15 @@ class Equilibrium:
         self.force = self._residual.array_r.copy()
         return self.force
 
+    def plastic_force(self) -> NDArray[np.float64] | float:
+        """Return the part of the force (N) of set-valued friction; 0 without any."""
+        if not self._plain.push:
+            return 0.0
+        assemble_vector(self._residual, self._plain.push)
+        self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        force: NDArray[np.float64] = self._residual.array_r.copy()
+        return force
+
     def tangent(self) -> Any:
         """Return the tangent (N/m) of the model's present state, prescribed rows of one."""
         self._assemble_tangent()
@@ -281,8 +291,9 @@ class Equilibrium:
         for name in self._options:
             PETSc.Options().delValue(name)
         self.inertia.destroy()
-        for stresses in {self._always, self._sharp[1] if self._sharp else None} - {None}:
-            stresses.destroy()
+        for stresses in (self._always, self._sharp[1] if self._sharp else None):
+            if stresses:
+                stresses.destroy()
         for item in (self._snes, self._matrix, self._residual, self._solution, self._diagonal):
             item.destroy()
 
@@ -399,7 +410,7 @@ class Equilibrium:
         if not np.isfinite([residual, self._force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
         tolerance = self._controls.tolerance
-        if self._attained and (not self._carried or self._is_lawful()):
+        if self._attained and self._is_lawful():
             force = max(self._force_scale, self._force_norm)
             energy = max(self._energy_scale, abs(self._potential or 0.0))
             if residual <= max(tolerance * force, self._blur * self._stiffness):
@@ -415,6 +426,8 @@ class Equilibrium:
 
     def _is_lawful(self) -> bool:
         """Return whether the carried stresses meet their laws."""
+        if self._carried is None:
+            return True
         return self._carried.settled(self._controls.tolerance, self._scale_of_energy)
 
     def _scale_of_energy(self) -> float:

@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 #: Where the method starts: largest stress over its bound, and p and q over what is large.
 START_STRESS, START_SLIP = 0.5, 0.1
+#: Products p (zeta - tau), over their mean, beyond which a point strays (Gondzio, 1996).
+LEAST, MOST = 0.1, 10.0
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,25 @@ class Interior:
         up = level + (move.up * move.stress if move else np.zeros_like(above))
         down = level - (move.down * move.stress if move else np.zeros_like(above))
         return Aim(up, down, creep + up / above - down / below)
+
+    def centred(self, aim: Aim, creep: Array, level: float, move: Move, length: float) -> Aim:
+        """Return an aim with which points that would stray from the others stray less.
+
+        Args:
+            aim: The aim before.
+            creep: Creep at the present stress.
+            level: What all points should come near to, N/m.
+            move: Where that leads.
+            length: Step length at which points stray.
+        """
+        above, below = self._room()
+        up = (self._up + length * move.up) * (above - length * move.stress)
+        down = (self._down + length * move.down) * (below + length * move.stress)
+        least, most = LEAST * level, MOST * level
+        more_up = np.maximum(np.clip(up, least, most) - up, -most)
+        more_down = np.maximum(np.clip(down, least, most) - down, -most)
+        found = aim.up + more_up, aim.down + more_down
+        return Aim(*found, creep + found[0] / above - found[1] / below)
 
     def move(self, stress: Array, aim: Aim) -> Move:
         """Return the change of all three that belongs to one of the stress."""

@@ -233,7 +233,9 @@ class March:
         model, scheme = self._model, self._scheme
         step = until - self._time
         field = model.field.x.array
-        stage = Forces(self._equilibrium.force, model.loading.force(), model.dissipated_power())
+        plastic = self._equilibrium.plastic_force()
+        lost, loads = model.dissipated_power(), model.loading.force()
+        stage = Forces(self._equilibrium.force, loads, lost, plastic)
         increment = (field - self._states[0]) / scheme.stage
         for name, energy in model.dissipated_energy().items():
             self._dissipated[name] += energy / scheme.stage
