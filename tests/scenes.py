@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import pi
 
@@ -114,12 +114,19 @@ def march(
     grips: Sequence[Grip] = PULL,
     controls: Controls | None = None,
     smallest_step: float = 1 / 64,
+    look: Callable[[Step], None] = lambda step: None,
 ) -> list[Step]:
-    """Return all steps of a march from rest; the model's field is left at its end."""
+    """Return all steps of a march from rest; the model's field is left at its end.
+
+    ``look`` is called after each, with the field set to its state.
+    """
     of.field.x.array[:] = 0
     constraints, equilibrium = solver(of, grips, controls)
     marching = March(of, constraints, equilibrium, program, SCHEMES[scheme], smallest_step)
-    steps = list(marching.steps())
+    steps = []
+    for step in marching.steps():
+        look(step)
+        steps.append(step)
     equilibrium.destroy()
     return steps
 

@@ -108,9 +108,9 @@ def test_its_values_are_checked_like_all_others(
         (OWN.replace("slipping", "slip"), "drag.py: the effect resists 'slip', which is not known. "
          "It may be 'stretching', 'shearing', 'slipping' or 'curving'."),
         (OWN.replace("factor", "file"), "drag.py: a parameter cannot be named 'file'. Names are "
-         "unique, of letters, digits and '_', and not 'file'."),
+         "unique, of letters, digits and '_', and not 'file' or 'law'."),
         (OWN.replace("power", "factor"), "drag.py: a parameter cannot be named 'factor'. Names are "
-         "unique, of letters, digits and '_', and not 'file'."),
+         "unique, of letters, digits and '_', and not 'file' or 'law'."),
         (OWN.replace("N*s/m^3", "N*s/x^3"),
          "drag.py: the parameter 'factor' has the unknown unit 'N*s/x^3'."),
         (OWN.replace("N*s/m^3", "kN*s/m^3"), "drag.py: the unit 'kN*s/m^3' of 'factor' is not an "

@@ -1,9 +1,11 @@
-"""Coulomb's law against closed forms, and against one scalar minimisation a step.
+"""Coulomb's law against closed forms, its independence of the speed, and the way to it.
 
 The second placement of a slider is held everywhere, so that the first slides on it.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,66 +20,160 @@ from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 
-SLIDER = ("coupling", "slip_friction:coulomb")
-VALUES = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA}}
 AREA = 0.02
+#: Most iterations of a step.
+MOST = 12
+#: Out, a hold, an instant reversal, a jump in velocity, and on.
+ROUTE = ((0.0, 0.02, 0.2, 4), (0.02, 0.02, 0.1, 1), (0.02, 0.005, 0.15, 4), (0.005, 0.015, 0.01, 2))
+KINDS = {"slip_friction": 2e4, "spin_friction": 100.0}
 
 
-def slider(degree: int = 1, law: str = "coulomb", slope: float = 0.0) -> Model:
-    values = {**VALUES, "slip_friction": {"strength": ZETA, "slope": slope}}
-    names = ("coupling", f"slip_friction:{law}")
-    return scenes.model(whole(0.2, 0.1, 0.1, ALONG), names, Numerics(degree, history=2), values)
-
-
-def imbalance(steps: list[Step]) -> float:
-    """Return the largest energy that is missing, over all that is dissipated."""
-    missing = [s.work - sum(s.stored.values()) - sum(s.dissipated.values()) for s in steps]
-    return float(np.abs(missing).max() / sum(steps[-1].dissipated.values()))
+def route(speed: float = 1.0) -> Program:
+    return program_of([ramp(a, b, time / speed, count) for a, b, time, count in ROUTE])
 
 
 def losses(steps: list[Step]) -> NDArray[np.float64]:
     return np.diff([sum(s.dissipated.values()) for s in steps])
 
 
+def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, history: int = 1) -> Model:
+    values = {**scenes.TABLE_1, kind: {"strength": KINDS[kind], "slope": slope}}
+    names = (*scenes.COUPLED, f"{kind}:{law}")
+    return scenes.model(scenes.sheet(), names, Numerics(2, history=history), values)
+
+
 @pytest.mark.parametrize("count", [4, 160])
-def test_a_driven_slider_loses_four_zeta_times_the_amplitude_in_each_cycle(count: int) -> None:
-    """Per area and component, however few the steps."""
+@pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
+def test_a_driven_slider_loses_four_zeta_times_the_amplitude_in_each_cycle(
+    count: int, scheme: str
+) -> None:
+    """Per area and component, however few the steps; 8 amplitudes from rest in two cycles."""
+    values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA}}
+    names = ("coupling", "slip_friction:coulomb")
+    numerics = Numerics(1, history=1 if scheme == "backward-euler" else 2)
+    model = scenes.model(whole(0.2, 0.1, 0.1, ALONG), names, numerics, values)
     stroke = np.array([0.02, 0.01])
     drive = Grip("first", (Held(float(stroke[0])), Held(float(stroke[1]))), (0,))
     program = program_of([*cycle(0.0, 1.0, 2.0, count), *cycle(0.0, 1.0, 2.0, count)])
-    steps = scenes.march(slider(), program, "backward-euler", (drive, SECOND_AT_REST))
+    steps = scenes.march(model, program, scheme, (drive, SECOND_AT_REST))
     coulomb = 4 * ZETA * stroke.sum() / 2  # amplitudes about the mean are half the strokes
-    assert steps[-1].dissipated["slip_friction"] == pytest.approx(2 * coulomb * AREA, rel=1e-12)
+    assert steps[-1].dissipated["slip_friction"] == pytest.approx(2 * coulomb * AREA, rel=1e-9)
     assert (losses(steps) > 0).all()
-    for before, now in zip(steps, steps[1:], strict=False):
+    missing = [s.work - sum(s.stored.values()) - sum(s.dissipated.values()) for s in steps]
+    assert np.array(missing) == pytest.approx(0, abs=1e-8 * steps[-1].dissipated["slip_friction"])
+    for before, now in pairwise(steps):
         way = np.sign(now.displacement - before.displacement)
         force = (K_C * now.displacement * stroke + ZETA * way) * AREA
-        assert now.reactions["first"] == pytest.approx(force, rel=1e-9)
-    assert all(s.iterations <= 12 for s in steps)
+        assert np.array(now.reactions["first"]) == pytest.approx(force, abs=1e-7 * ZETA * AREA)
+    assert max(s.iterations for s in steps) <= MOST
 
 
-def pushed(force: float, program: Program) -> tuple[list[Step], list[float]]:
-    """Push a slider at the end of yarns that hardly stretch; return its slips (m)."""
-    values = {"stretch": {"stiffness": (1e13, 1e13)}, **VALUES}
-    chosen = [effects()["stretch"], *(scenes.effect(name) for name in SLIDER)]
-    load = EdgeLoad("right", (0,), (lambda x, t: force * 0.2 * t, 0.0))
-    numerics = Numerics(1, history=1)
-    model = build_model(whole(0.2, 0.1, 0.1, ALONG), chosen, values, numerics, loads=[load])
+def test_a_pushed_slider_is_elastic_and_plastic() -> None:
+    """K_c b + zeta sign(db/dt) = f, and at rest while the spring needs less than zeta."""
+    loads = [0.5, 0.9, 1.5, 3.0, 2.0, 1.1, 0.5, 0.0, 0.5, 2.5, 4.0]  # of zeta
+    values = {
+        "stretch": {"stiffness": (1e13, 1e13)},
+        "coupling": {"stiffness": K_C},
+        "slip_friction": {"strength": ZETA},
+    }
+    chosen = [scenes.effect(name) for name in ("stretch", "coupling", "slip_friction:coulomb")]
+    load = EdgeLoad("right", (0,), (lambda x, t: ZETA * 0.2 * t, 0.0))
+    on = whole(0.2, 0.1, 0.1, ALONG)
+    model = build_model(on, chosen, values, Numerics(1, history=1), loads=[load])
     slips = []
 
     def look(_: Step) -> None:
-        slips.append(float(model.field.x.array.reshape(-1, 2)[::2, 0].mean()))
+        slips.append(float(model.field.x.array.reshape(-1, 2)[:, 0].max()))
+        slips[-1] += float(model.field.x.array.reshape(-1, 2)[:, 0].min())
 
-    return scenes.march(model, program, grips=(SECOND_AT_REST,), look=look), slips
-
-
-def test_a_pushed_slider_moves_by_what_its_bound_leaves_over() -> None:
-    """K_c b + zeta sign(db/dt) = f, and at rest while the spring needs less than zeta."""
-    loads = [0.5, 1.0, 1.5, 3.0, 2.0, 1.0, 0.5, -1.0, -3.0, 0.0, 2.5]  # of zeta
-    way = [ramp(a, b, 1.0, 1) for a, b in zip([0.0, *loads], loads, strict=False)]
-    _, slips = pushed(ZETA, program_of(way))
+    way = [ramp(a, b, 1.0, 1) for a, b in pairwise([0.0, *loads])]
+    steps = scenes.march(model, program_of(way), grips=(SECOND_AT_REST,), look=look)
     b, exact = 0.0, []
-    for load in loads:
-        b = min(max(b, (load - 1) * ZETA / K_C), (load + 1) * ZETA / K_C)
+    for load_of_zeta in loads:
+        b = min(max(b, (load_of_zeta - 1) * ZETA / K_C), (load_of_zeta + 1) * ZETA / K_C)
         exact.append(b)
-    assert slips[1:] == pytest.approx(exact, abs=1e-9 * ZETA / K_C)
+    assert slips[1:] == pytest.approx(exact, abs=1e-6 * ZETA / K_C)
+    assert max(s.iterations for s in steps) <= MOST
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_speed_does_not_matter(kind: str) -> None:
+    loops = []
+    for speed in (1.0, 10.0, 1000.0):
+        steps = scenes.march(sheet_with(kind), route(speed))
+        forces = [s.reactions["right"][0] for s in steps]
+        loops.append([*forces, *(sum(s.dissipated.values()) for s in steps)])
+        assert max(s.iterations for s in steps) <= MOST
+        assert sum(s.cutbacks for s in steps) == 0
+    size = np.abs(loops[0]).max()
+    for loop in loops[1:]:
+        assert loop == pytest.approx(loops[0], rel=0, abs=1e-10 * size)
+
+
+@pytest.mark.parametrize("scheme", ["backward-euler", "bdf2", "midpoint"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_stress_is_never_above_its_bound_and_no_step_gains_energy(
+    kind: str, scheme: str
+) -> None:
+    model = sheet_with(kind, history=1 if scheme == "backward-euler" else 2)
+    largest = []
+
+    def look(_: Step) -> None:
+        largest.append(max(float(np.abs(c.stress.x.array).max()) for c in model.carried))
+
+    steps = scenes.march(model, route(), scheme, look=look)
+    assert max(largest) <= KINDS[kind]
+    assert max(largest) > 0.99 * KINDS[kind]  # somewhere it slides
+    assert losses(steps).min() >= 0
+    assert max(s.iterations for s in steps) <= MOST
+
+
+def test_the_energy_balances_the_better_the_shorter_the_steps() -> None:
+    """Second order: the work of the elastic part is summed by the trapezoidal rule."""
+    missing = []
+    for share in (1, 2, 4):
+        parts = [ramp(0.0, 0.02, 1.0, 4 * share), ramp(0.02, 0.0, 1.0, 4 * share)]
+        last = scenes.march(sheet_with("slip_friction"), program_of(parts))[-1]
+        lost = sum(last.dissipated.values())
+        missing.append(abs(last.work - sum(last.stored.values()) - lost) / lost)
+    assert missing[2] < missing[0] / 6
+    assert missing[2] < 0.02
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_loop_of_the_smooth_law_tends_to_coulombs_as_its_slope_grows(kind: str) -> None:
+    """By an order in 1/eta that comes near one.
+
+    Where yarns stick they creep by artanh(tau/zeta)/eta; that points near their bound do so
+    the longer the nearer is why the order is not one at once.
+    """
+    slopes = np.array([1e3, 1e4, 1e5, 1e6]) * (30 if kind == "slip_friction" else 1)
+
+    def loop(model: Model) -> NDArray[np.float64]:
+        return np.array([s.reactions["right"][0] for s in scenes.march(model, route())])
+
+    exact = loop(with_same_rule(kind, "coulomb"))
+    away = [
+        np.abs(loop(with_same_rule(kind, "smooth", eta)) - exact).max() / np.abs(exact).max()
+        for eta in slopes
+    ]
+    orders = -np.diff(np.log(away)) / np.diff(np.log(slopes))
+    print(f"\n{kind}: difference from Coulomb's loop {away}, orders {orders}")
+    assert away[-1] < 1e-3
+    assert (np.diff(orders) > 0).all()
+    assert orders[-1] > 0.65
+
+
+def with_same_rule(kind: str, law: str, slope: float = 1.0) -> Model:
+    """Return a sheet whose friction stands at the same points whichever its law is."""
+    values = {**scenes.TABLE_1, kind: {"strength": KINDS[kind], "slope": slope}}
+    numerics = Numerics(2, history=1, friction=4)
+    names = (*scenes.COUPLED, f"{kind}:{law}")
+    return scenes.model(scenes.sheet(), names, numerics, values)
+
+
+def test_a_scene_without_it_builds_nothing_of_it() -> None:
+    plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
+    assert plain.carried == plain.push == plain.loss == ()
+    assert len(sheet_with("slip_friction").carried) == 1
+    assert {e.law for e in effects()["slip_friction"].all_laws} == {"smooth", "coulomb"}

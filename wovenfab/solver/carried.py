@@ -184,8 +184,8 @@ class CarriedStress:
 
     @property
     def _idle(self) -> bool:
-        """Whether all friction is left out, as where a sheet shall come to rest."""
-        return float(self._factor.value) == 0
+        """Whether there is no friction: left out to come to rest, or without strength."""
+        return float(self._factor.value) == 0 or self._area == 0
 
     def _start(self) -> None:
         """Start the interior-point method from where the first step has led."""

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 START_STRESS, START_SLIP = 0.5, 0.1
 #: Products p (zeta - tau), over their mean, beyond which a point strays (Gondzio, 1996).
 LEAST, MOST = 0.1, 10.0
+#: Distance of a stress from its bound, over that, which round-off cannot tell from none.
+CLOSEST = 1e-15
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class Interior:
 
     def go(self, move: Move, length: float) -> None:
         """Take a step."""
-        self.stress = self.stress + length * move.stress
+        self.stress = np.clip(self.stress + length * move.stress, -self.bound, self.bound)
         self._up = self._up + length * move.up
         self._down = self._down + length * move.down
 
@@ -152,4 +154,6 @@ class Interior:
 
     def _room(self) -> tuple[Array, Array]:
         """Return the distances of the stress from its two bounds."""
-        return self.bound - self.stress, self.bound + self.stress
+        least = CLOSEST * self.bound
+        above, below = self.bound - self.stress, self.bound + self.stress
+        return np.maximum(above, least), np.maximum(below, least)

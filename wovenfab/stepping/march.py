@@ -173,7 +173,7 @@ class March:
     def _check_rest(self, until: float, outcome: Outcome) -> None:
         """Refuse a penalty that makes the sheet at rest unstable, whatever was found."""
         reached = self._model.field.x.array.copy()
-        self._restore()
+        self._model.field.x.array[:] = self._states[0]
         if fault := unsound_penalty(self._model, self._equilibrium):
             displacement = self._program.displacement(until)
             step = until - self._time
