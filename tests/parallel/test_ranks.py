@@ -6,9 +6,10 @@ compiled by all ranks together first, so that no two compile the same one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -68,9 +69,10 @@ def compare(
     numerics: Numerics,
     program: Program,
     scheme: str,
+    values: Mapping[str, Any] = scenes.TABLE_1,
 ) -> None:
     """Assert that all ranks together and each alone march through the same states."""
-    models = [scenes.model(place(comm), names, numerics) for comm in (COMM, ALONE)]
+    models = [scenes.model(place(comm), names, numerics, values) for comm in (COMM, ALONE)]
     assert models[0].unknowns == models[1].unknowns
     together, alone = (scenes.march(model, program, scheme) for model in models)
     assert [s.iterations for s in together] == [s.iterations for s in alone]
@@ -116,6 +118,25 @@ def test_two_placements_with_slip_friction_have_the_same_loop(scheme: str) -> No
 
 def test_two_placements_on_a_gmsh_mesh_have_the_same_loop() -> None:
     compare(graded, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, "bdf2")
+
+
+@pytest.mark.parametrize(
+    ("kind", "strength", "slope"),
+    [
+        ("slip_friction:coulomb", 2e4, 1.0),
+        ("spin_friction:coulomb", 100.0, 1.0),
+        ("slip_friction:smooth", 1e4, 1e6),
+    ],
+)
+def test_friction_with_its_stress_at_points_has_the_same_loop(
+    kind: str, strength: float, slope: float
+) -> None:
+    """The last one begins with its stress as a function of the rate, which is too sharp."""
+    values = {**scenes.TABLE_1, kind[:13]: {"strength": strength, "slope": slope}}
+    names = (*scenes.COUPLED, kind)
+    cycle_of_four = program_of(cycle(0.0, 0.04, 0.25, 4))
+    numerics = scenes.PROTOTYPE_TWO_STEPS
+    compare(lambda comm: scenes.sheet(comm=comm), names, numerics, cycle_of_four, "bdf2", values)
 
 
 def wavy(model: Model) -> None:

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 from pydantic_core import PydanticCustomError
 
 from .document import Document, read_document
-from .files import existing_file
+from .files import LAW, existing_file
 from .problems import CaseError, Path, near_miss
 
 FROM = "from"
 #: The key that says what kind of mapping it is; another kind takes nothing over.
-_KIND = "type"
+_KINDS = ("type", LAW)
 _ABSENT = "there is nothing here to take out"
 
 
@@ -114,4 +114,4 @@ def _merge(base: Any, own: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(own, dict):
         return False
-    return bool(own.get(_KIND, base.get(_KIND)) == base.get(_KIND))
+    return all(own.get(kind, base.get(kind)) == base.get(kind) for kind in _KINDS)
