@@ -18,6 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from forms.carried import Carried
 from wovenfab.model.assembly import (
     assemble_matrix,
     assemble_scalar,
@@ -185,11 +186,14 @@ class Equilibrium:
         field, last = self._model.field.x.array, self._model.last.x.array
         start, before = field.copy(), last.copy()
         outcome = self._solve()
-        if outcome.reason == REASONS[Reason.DIVERGED_MAX_IT]:
-            field[:], last[:] = start, before
-            self._carry()
-            return self._solve()
-        return outcome
+        if outcome.converged:
+            return outcome
+        field[:], last[:] = start, before
+        self._carry()
+        again = self._solve()
+        if not again.converged:  # it was not the friction
+            self._model, self._carried = self._plain, self._always
+        return again
 
     def _carry(self) -> None:
         """Go over to forms that carry the stress of all friction that can be carried."""
@@ -217,6 +221,8 @@ class Equilibrium:
         self._stuck, self._norm = 0, np.nan
         self._attained = not self._constraints.unmet(field)
         self.inertia.restart()
+        if self.factor_status() < 0:  # PETSc's MUMPS takes no other matrix after a failure
+            self._snes.getKSP().getPC().reset()
         if self._carried:
             self._carried.begin(self._size_of_tangent)
         self._snes.solve(None, self._solution)
@@ -258,6 +264,11 @@ class Equilibrium:
         self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         self.force = self._residual.array_r.copy()
         return self.force
+
+    @property
+    def carried(self) -> tuple[Carried, ...]:
+        """The frictions whose stress is carried at quadrature points now."""
+        return self._model.carried
 
     def plastic_force(self) -> NDArray[np.float64] | float:
         """Return the part of the force (N) of set-valued friction; 0 without any."""
