@@ -81,6 +81,14 @@ def test_another_type_takes_nothing_over(folder: Path) -> None:
     }
 
 
+def test_another_law_takes_nothing_over(folder: Path) -> None:
+    case = read_case(_derived("effects: {slip_friction: {law: coulomb, strength: 20 kN/m^2}}\n"))
+    assert case.effects["slip_friction"] == {"strength": 2e4}
+    assert not case.needs.rate and case.needs.history
+    told = _told(_derived("effects: {slip_friction: {law: coulomb}}\n"))
+    assert "strength" in told[0]
+
+
 @st.composite
 def _split(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the example in two parts: what is in the base, and what the case says."""

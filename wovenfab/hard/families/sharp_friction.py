@@ -89,13 +89,14 @@ def _stress(balance: Balance, term: Term, made: Ride) -> NDArray[np.float64]:
 def strengths(kind: str, slope: float | None, setting: Setting) -> Figures:
     """March with each strength, by Coulomb's law where there is no slope; collective."""
     law = "law: coulomb" if slope is None else f"slope: {slope!r}"
+    chosen = STRENGTHS[kind][1::2] if _is_quick(setting) else STRENGTHS[kind]
     found = [
         ride(setting.but(f"effects.{kind}={{strength: {strength!r}, {law}}}"))
-        for strength in STRENGTHS[kind]
+        for strength in chosen
     ]
     parts = [figures for figures, _, _ in found]
     series = {
-        "strength": STRENGTHS[kind],
+        "strength": chosen,
         "worst": [f.worst for f in parts],
         "displacement": [f.series["displacement"] for f in parts],
         "force": [f.series["force"] for f in parts],
@@ -109,7 +110,7 @@ def strengths(kind: str, slope: float | None, setting: Setting) -> Figures:
 def speeds(kind: str, setting: Setting) -> Figures:
     """March by Coulomb's law at several speeds; compare the loops; collective."""
     strength = STRENGTHS[kind][2]
-    ways = FEW_WAYS if path(FEW_WAYS) in setting.overrides else WAYS
+    ways = FEW_WAYS if _is_quick(setting) else WAYS
     law = f"effects.{kind}={{strength: {strength!r}, law: coulomb}}"
     found = [ride(setting.but(law, path(ways, speed))) for speed in SPEEDS]
     parts = [figures for figures, _, _ in found]
@@ -121,6 +122,10 @@ def speeds(kind: str, setting: Setting) -> Figures:
         least_loss=min(least for _, _, least in found),
         change_with_the_speed=float(apart.max()),
     )
+
+
+def _is_quick(setting: Setting) -> bool:
+    return path(FEW_WAYS) in setting.overrides
 
 
 SOUND = (
