@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from tests.report.sample import LENGTH, SLIP, WIDTH, make
 from wovenfab.case import Rectangle
+from wovenfab.paper.across import profile
 from wovenfab.paper.claim import Claim, above, between, digits, falling
 from wovenfab.paper.claims import sheared_zone
 from wovenfab.paper.field import Field, likeness
@@ -81,6 +85,26 @@ def test_likeness_knows_no_size_but_the_pattern() -> None:
     assert likeness(short, field(lambda x, y: 5 * np.exp(-x / 0.1) * y), 0.3, 0.3) > 0.9999
     assert likeness(short, field(lambda x, y: -np.exp(-x / 0.1) * y), 0.3, 0.3) < -0.9999
     assert abs(likeness(short, field(lambda x, y: np.cos(9e3 * x * y)), 0.3, 0.3)) < 0.1
+
+
+def test_a_share_near_the_mean_is_that_of_a_part() -> None:
+    """Of x from 0.3 to 0.6 m, 0.405 to 0.495 m are within 10 % of 0.45 m."""
+    ramp = field(lambda x, y: x)
+    middle = (ramp.centres[:, 0] > 0.3) & (ramp.centres[:, 0] < 0.6)
+    assert ramp.share_near_mean(0.1, middle) == pytest.approx(0.3, abs=0.01)
+
+
+def test_the_jump_across_the_yarn_through_a_corner_is_found(tmp_path: Path) -> None:
+    """Of the made-up run, whose family 1 jumps there by 0.3 of its slip, and nowhere else."""
+    results = make(tmp_path / "run", [0.06])
+    sheet = Rectangle(length=LENGTH, width=WIDTH, fibres=[np.pi / 4, -np.pi / 4])
+    place = 0.3
+    along = (place / np.sqrt(2) - WIDTH / 2) / (LENGTH - WIDTH)
+    found = profile(results, sheet, place)
+    assert found.jump == pytest.approx(-0.3 * SLIP * np.sin(np.pi * along) ** 2, rel=0.05)
+    after = len(found.slid) // 2
+    steps = np.abs(np.diff(found.slid))
+    assert np.delete(steps, after - 1).max() < abs(found.jump) / 5
 
 
 @pytest.mark.parametrize(("length", "zone"), [(0.6, 0.25), (0.9, 0.5), (1.2, 0.625)])

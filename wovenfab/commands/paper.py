@@ -12,6 +12,7 @@ from wovenfab.commands.voice import INTERRUPTED, Voice
 from wovenfab.paper.campaign import Campaign, Results, campaign_of
 from wovenfab.paper.claim import Claim
 from wovenfab.paper.claims import claims
+from wovenfab.paper.elements import Compared, compare, finding
 from wovenfab.record.provenance import Provenance, of_summary, this_process
 from wovenfab.record.results import write_whole
 
@@ -41,10 +42,11 @@ def make_paper(
         voice.problem("claims and figures need all runs")
         return code
     results = Results(output)
-    found = claims(campaign, results)
-    for claim in found:
+    found, compared = claims(campaign, results), compare(campaign, results)
+    for claim in (*found, finding(compared)):
         voice.say(told(claim))
-    voice.say(f"the page: {write_page(campaign, results, found, docs or output, voice)}")
+    page = write_page(campaign, results, found, compared, docs or output, voice)
+    voice.say(f"the page: {page}")
     return 0
 
 
@@ -58,20 +60,31 @@ def told(claim: Claim) -> str:
 
 
 def write_page(
-    campaign: Campaign, results: Results, found: Sequence[Claim], docs: Path, voice: Voice
+    campaign: Campaign,
+    results: Results,
+    found: Sequence[Claim],
+    compared: Compared,
+    docs: Path,
+    voice: Voice,
 ) -> Path:
     """Draw the figures and write the page with its account; return the page."""
     from wovenfab.paper.account import account_of
-    from wovenfab.paper.draw import draw_figures
+    from wovenfab.paper.draw import draw_elements, draw_figures
+    from wovenfab.paper.elements_page import account_of_elements
     from wovenfab.paper.page import page
 
-    origin = _origin(campaign, results)
+    origin, folder = _origin(campaign, results), docs / "paper"
     widths: dict[int, float] = {}
-    for number, width in draw_figures(results, docs / "paper", origin):
+    for number, width in draw_figures(results, folder, origin):
         voice.say(f"figure {number}")
         widths[number] = width
-    account = account_of(campaign, results, found, widths, origin)
-    write_whole(docs / "paper" / "account.json", json.dumps(account, indent=1) + "\n")
+    elements = account_of_elements(
+        compared,
+        finding(compared),
+        dict(draw_elements(campaign, results, compared, folder, origin)),
+    )
+    account = account_of(campaign, results, found, widths, origin) | {"elements": elements}
+    write_whole(folder / "account.json", json.dumps(account, indent=1) + "\n")
     write_whole(docs / "paper.md", page(account))
     return docs / "paper.md"
 

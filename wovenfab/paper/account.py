@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,8 @@ def account_of(
     found: Sequence[Claim],
     widths: Mapping[int, float],
     origin: Provenance,
-) -> Account:
-    """Return everything that the page tells, as plain data.
+) -> dict[str, Any]:
+    """Return what the page tells of claims and figures, as plain data.
 
     Args:
         campaign: What was run.
@@ -41,7 +40,7 @@ def account_of(
         "commit": origin.commit,
         "chosen": _chosen(campaign),
         "runs": {m.name: _run(m, results) for m in campaign.members},
-        "claims": [asdict(claim) | {"verdict": claim.verdict} for claim in found],
+        "claims": [claim.as_dict() for claim in found],
         "figures": [
             {
                 "number": figure.number,

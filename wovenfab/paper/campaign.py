@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,12 @@ CASES = (
 )
 #: Both programs with steeper friction laws, for the text after Figure 5.
 STEEP = "steep"
+#: An elastic pull with yarns as given, and with yarns that hardly resist bending.
+LIMP = "limp"
+#: The loops of Figure 3 on other elements, and an elastic pull on finer and finer meshes.
+ELEMENTS, CONVERGENCE = "elements", "convergence"
+#: What the elements of the campaign itself are called, and those that others are measured by.
+JUMPING, REFERENCE = "jumping", "reference"
 
 
 @dataclass(frozen=True)
@@ -46,16 +52,33 @@ class Steeper:
 
 
 @dataclass(frozen=True)
+class Elements:
+    """Runs that differ in their elements alone.
+
+    Attributes:
+        loops: Runs by the kind of elements and by the run of the campaign that they repeat.
+        pulls: Runs of the elastic pull by the kind of elements, the finest last.
+    """
+
+    loops: Mapping[str, Mapping[str, str]]
+    pulls: Mapping[str, Sequence[str]]
+
+
+@dataclass(frozen=True)
 class Campaign:
     """All runs.
 
     Attributes:
         members: What is run.
         steep: The runs with steeper friction laws, the steepest last.
+        limp: Runs of the elastic pull by how the yarns bend: ``given`` or ``limp``.
+        elements: The runs on other elements.
     """
 
     members: tuple[Member, ...]
     steep: tuple[Steeper, ...]
+    limp: Mapping[str, str]
+    elements: Elements
 
     def case(self, run: str) -> Case:
         """Return the case of a run."""
@@ -73,15 +96,42 @@ def campaign_of(folder: Path, overrides: Sequence[str] = ()) -> Campaign:
         CaseError: A case is missing or not valid.
     """
     cases = members_of([folder / f"{name}.yaml" for name in CASES], overrides=overrides)
-    file = read_sweep_file(folder / f"{STEEP}.yaml")
-    steep = members_of(file.cases, file.variations, overrides)
+    steep, limp, loops, pulls = (
+        _swept(folder / f"{name}.yaml", overrides) for name in (STEEP, LIMP, ELEMENTS, CONVERGENCE)
+    )
+    return Campaign(
+        (*cases, *steep, *limp, *loops, *pulls),
+        _steeper(steep),
+        {member.variation.name: member.name for member in limp},
+        _elements(loops, pulls),
+    )
+
+
+def _swept(path: Path, overrides: Sequence[str]) -> list[Member]:
+    """Return the members of a sweep file, the name of their case in that of each."""
+    file = read_sweep_file(path)
+    found = members_of(file.cases, file.variations, overrides)
+    if len(file.cases) > 1:
+        return found
+    return [replace(member, label=f"{member.case.name}: {member.label}") for member in found]
+
+
+def _steeper(members: Sequence[Member]) -> tuple[Steeper, ...]:
     pairs: dict[str, list[str]] = {}
-    for member in steep:
+    for member in members:
         (slope,) = member.variation.values.values()
         pairs.setdefault(str(slope), []).append(member.name)
-    return Campaign(
-        (*cases, *steep), tuple(Steeper(slope, *names) for slope, names in pairs.items())
-    )
+    return tuple(Steeper(slope, *names) for slope, names in pairs.items())
+
+
+def _elements(loops: Sequence[Member], pulls: Sequence[Member]) -> Elements:
+    repeated: dict[str, dict[str, str]] = {JUMPING: {m.case.name: m.case.name for m in loops}}
+    for member in loops:
+        repeated.setdefault(member.variation.name, {})[member.case.name] = member.name
+    pulled: dict[str, list[str]] = {}
+    for member in pulls:
+        pulled.setdefault(member.variation.name, []).append(member.name)
+    return Elements(repeated, pulled)
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -55,6 +56,10 @@ class Claim:
     def verdict(self) -> str:
         """The verdict in words."""
         return "Holds." if self.holds else f"Does not hold. {self.otherwise}"
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the claim with its measures and verdict as plain data."""
+        return asdict(self) | {"verdict": self.verdict}
 
 
 def above(what: str, value: float, least: float, unit: str = "") -> Measure:

@@ -10,7 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.paper.campaign import Results
+from wovenfab.paper.campaign import Campaign, Results
+from wovenfab.paper.elements import Compared
+from wovenfab.paper.elements_curves import errors, loops
+from wovenfab.paper.elements_page import ERRORS, LOOPS, YARNS
+from wovenfab.paper.elements_yarns import yarns
 from wovenfab.paper.figures import FIGURES, Panel, PaperFigure
 from wovenfab.paper.sheets import sheets
 from wovenfab.record.cycles import window
@@ -50,6 +54,31 @@ def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator
             drawn = _DRAW[figure.kind](figure, results)
             save(drawn, folder / figure.file, origin)
         yield figure.number, float(drawn.get_figwidth())
+
+
+def draw_elements(
+    campaign: Campaign, results: Results, found: Compared, folder: Path, origin: Provenance
+) -> Iterator[tuple[str, float]]:
+    """Draw what smooth elements hide.
+
+    Args:
+        campaign: What was run.
+        results: Its results.
+        found: What was found in them.
+        folder: Where the pictures go; it exists.
+        origin: What they tell of where they come from.
+
+    Yields:
+        Name and width (in) of each picture.
+    """
+    with house_style():
+        for name, drawn in (
+            (LOOPS, loops(campaign, results)),
+            (ERRORS, errors(found)),
+            (YARNS, yarns(campaign, results)),
+        ):
+            save(drawn, folder / name, origin)
+            yield name, float(drawn.get_figwidth())
 
 
 def _program(figure: PaperFigure, results: Results) -> Figure:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wovenfab.record.history import read_history
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.stored_fields import StoredFields, read_fields
 
 Values = NDArray[np.float64]
 
@@ -60,6 +60,11 @@ class Field:
         middle = self.at(self.centres.mean(axis=0, keepdims=True))[0]
         return self.share(np.abs(self.values - middle) <= tolerance * abs(middle))
 
+    def share_near_mean(self, tolerance: float, where: NDArray[np.bool_]) -> float:
+        """Return the share of a part of the sheet where the value is near that part's mean."""
+        part = Field(self.centres[where], self.areas[where], self.values[where])
+        return part.share(np.abs(part.values - part.mean()) <= tolerance * abs(part.mean()))
+
     def share_with_most(self, part: float) -> float:
         """Return the smallest share of the sheet that has a part of the field's square."""
         weight = self.areas * self.values**2
@@ -89,13 +94,19 @@ def field_at_largest(directory: Path, name: str) -> Field:
         directory: Results directory.
         name: Name of a scalar field.
     """
-    stored, history = read_fields(directory), read_history(directory)
-    u = np.interp(stored.times, history["time_s"], history["displacement_m"])
+    stored = read_fields(directory)
     triangles = stored.triangles()
     corners = stored.points()[triangles]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     return Field(
         centres=corners.mean(axis=1),
         areas=np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2,
-        values=stored.field(name, int(u.argmax()))[triangles].mean(axis=1),
+        values=stored.field(name, index_at_largest(directory, stored))[triangles].mean(axis=1),
     )
+
+
+def index_at_largest(directory: Path, stored: StoredFields) -> int:
+    """Return which of the stored times of a run is that of its largest displacement."""
+    history = read_history(directory)
+    u = np.interp(stored.times, history["time_s"], history["displacement_m"])
+    return int(u.argmax())

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from wovenfab.paper.account import Account
+from wovenfab.paper.elements_page import elements
+from wovenfab.paper.markdown import image, listed, table
 
-#: Pixels of the page for each inch of a picture, so that all sheets show at one scale.
-_PIXELS = 110
 _PAPER = (
     "Ciallella, Scerrato, Spagnuolo, Giorgio, *A continuum model based on Rayleigh "
     "dissipation functions to describe a Coulomb-type constitutive law for internal friction in "
@@ -26,7 +26,10 @@ _NOTES = {
 
 def page(account: Account) -> str:
     """Return the page in Markdown; pictures are in the folder ``paper`` beside it."""
-    return "\n".join([*_head(account), *_claims(account), *_figures(account)]) + "\n"
+    return (
+        "\n".join([*_head(account), *_claims(account), *_figures(account), *elements(account)])
+        + "\n"
+    )
 
 
 def _head(account: Account) -> Iterator[str]:
@@ -60,13 +63,7 @@ def _claims(account: Account) -> Iterator[str]:
     )
     yield ""
     for claim in account["claims"]:
-        yield f"{claim['number']}. {claim['sentence']} ({claim['figures']})"
-        for measure in claim["measures"]:
-            mark = "" if measure["holds"] else " ✗"
-            shown = f"**{measure['shown']}**{mark} (asked: {measure['asked']})"
-            yield f"   - {measure['what']}: {shown}"
-        yield ""
-        yield f"   *{claim['verdict']}*"
+        yield from listed(claim)
     yield ""
 
 
@@ -74,27 +71,17 @@ def _figures(account: Account) -> Iterator[str]:
     for figure in account["figures"]:
         yield f"## Figure {figure['number']}. {figure['title']}"
         yield ""
-        width = round(_PIXELS * figure["width"])
-        name = f"Figure {figure['number']}"
-        yield f'<img src="paper/{figure["file"]}" width="{width}" alt="{name}">'
+        yield image(figure["file"], figure["width"], f"Figure {figure['number']}")
         yield ""
         yield f"*{_NOTES[figure['kind']]} Chosen: {_choice(account['chosen'])}.*"
         yield ""
         yield f"The paper: {figure['says'][0].lower()}{figure['says'][1:]}"
         yield ""
-        yield from _table(figure["numbers"])
+        yield from table(figure["numbers"])
         yield ""
         cases = (account["runs"][run]["case"] for run in figure["runs"])
         yield "Alone: " + ", ".join(f"`wovenfab run configs/paper/{case}`" for case in cases)
         yield ""
-
-
-def _table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    heads, *others = rows
-    yield f"| {' | '.join(heads)} |"
-    yield "|---|" + "---:|" * (len(heads) - 1)
-    for row in others:
-        yield f"| {' | '.join(row)} |"
 
 
 def _choice(chosen: Mapping[str, Any]) -> str:

@@ -45,10 +45,11 @@ class Member:
     @property
     def weight(self) -> float:
         """How much work it is compared with other members, roughly."""
-        sheet, size = self.case.sheet, self.case.discretisation.mesh_size
-        if isinstance(sheet, Rectangle) and size:
-            return self.steps * sheet.length * sheet.width / size**2
-        return self.steps * 1e3
+        sheet, elements = self.case.sheet, self.case.discretisation
+        if isinstance(sheet, Rectangle) and elements.mesh_size:
+            cells = sheet.length * sheet.width / elements.mesh_size**2
+            return self.steps * cells * elements.degree**3
+        return self.steps * 1e3 * elements.degree**3
 
 
 def members_of(
