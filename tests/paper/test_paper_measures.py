@@ -102,9 +102,7 @@ def test_the_jump_across_the_yarn_through_a_corner_is_found(tmp_path: Path) -> N
     along = (place / np.sqrt(2) - WIDTH / 2) / (LENGTH - WIDTH)
     found = profile(results, sheet, place)
     assert found.jump == pytest.approx(-0.3 * SLIP * np.sin(np.pi * along) ** 2, rel=0.05)
-    after = len(found.slid) // 2
-    steps = np.abs(np.diff(found.slid))
-    assert np.delete(steps, after - 1).max() < abs(found.jump) / 5
+    assert abs(profile(results, sheet, 0.2).jump) < 2e-6  # where that slip is none
 
 
 @pytest.mark.parametrize(("length", "zone"), [(0.6, 0.25), (0.9, 0.5), (1.2, 0.625)])

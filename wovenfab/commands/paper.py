@@ -69,7 +69,7 @@ def write_page(
 ) -> Path:
     """Draw the figures and write the page with its account; return the page."""
     from wovenfab.paper.account import account_of
-    from wovenfab.paper.draw import draw_elements, draw_figures
+    from wovenfab.paper.draw import draw_cycle, draw_elements, draw_figures
     from wovenfab.paper.elements_page import account_of_elements
     from wovenfab.paper.page import page
 
@@ -78,6 +78,7 @@ def write_page(
     for number, width in draw_figures(results, folder, origin):
         voice.say(f"figure {number}")
         widths[number] = width
+    draw_cycle(results, folder, origin)
     elements = account_of_elements(
         compared,
         finding(compared),

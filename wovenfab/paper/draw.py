@@ -11,14 +11,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wovenfab.paper.campaign import Campaign, Results
+from wovenfab.paper.claims import RATIOS
 from wovenfab.paper.elements import Compared
 from wovenfab.paper.elements_curves import errors, loops
 from wovenfab.paper.elements_page import ERRORS, LOOPS, YARNS
 from wovenfab.paper.elements_yarns import yarns
-from wovenfab.paper.figures import FIGURES, Panel, PaperFigure
+from wovenfab.paper.figures import CYCLE, FIGURES, Panel, PaperFigure
 from wovenfab.paper.sheets import sheets
 from wovenfab.record.cycles import window
 from wovenfab.record.provenance import Provenance
+from wovenfab.record.stored_fields import read_fields
+from wovenfab.report.animation import animate
 from wovenfab.report.curves import program
 from wovenfab.report.source import open_source
 from wovenfab.report.style import (
@@ -54,6 +57,13 @@ def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator
             drawn = _DRAW[figure.kind](figure, results)
             save(drawn, folder / figure.file, origin)
         yield figure.number, float(drawn.get_figwidth())
+
+
+def draw_cycle(results: Results, folder: Path, origin: Provenance) -> Path:
+    """Draw the largest cycle of the 1:3 sample in motion, and return the file."""
+    source = open_source(results.directory / RATIOS["1:3"])
+    with house_style():
+        return animate(source, read_fields(source.directory), folder / CYCLE, origin)
 
 
 def draw_elements(

@@ -7,6 +7,8 @@ from typing import Literal
 
 from wovenfab.paper.claims import RATIOS, SPIN, STIFFNESSES
 
+#: The largest cycle of the 1:3 sample in motion.
+CYCLE = "cycle.gif"
 Kind = Literal["program", "loops", "sheets"]
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from wovenfab.paper.account import Account
 from wovenfab.paper.elements_page import elements
+from wovenfab.paper.figures import CYCLE
 from wovenfab.paper.markdown import image, listed, table
 
 _PAPER = (
@@ -15,6 +16,8 @@ _PAPER = (
     "woven fabrics*, ZAMP 2022 ([doi](https://doi.org/10.1007/s00033-022-01845-2))"
 )
 
+#: Width of the animation (in).
+_MOTION = 7.0
 #: How to read each kind of figure.
 _NOTES = {
     "program": "Displacement and velocity of the moved edge.",
@@ -26,10 +29,8 @@ _NOTES = {
 
 def page(account: Account) -> str:
     """Return the page in Markdown; pictures are in the folder ``paper`` beside it."""
-    return (
-        "\n".join([*_head(account), *_claims(account), *_figures(account), *elements(account)])
-        + "\n"
-    )
+    parts = (_head, _claims, _figures, _motion, elements)
+    return "\n".join(line for part in parts for line in part(account)) + "\n"
 
 
 def _head(account: Account) -> Iterator[str]:
@@ -82,6 +83,22 @@ def _figures(account: Account) -> Iterator[str]:
         cases = (account["runs"][run]["case"] for run in figure["runs"])
         yield "Alone: " + ", ".join(f"`wovenfab run configs/paper/{case}`" for case in cases)
         yield ""
+
+
+def _motion(account: Account) -> Iterator[str]:
+    yield "## One cycle"
+    yield ""
+    yield image(CYCLE, _MOTION, "The largest cycle in motion")
+    yield ""
+    yield (
+        f"*The largest cycle of the 1:3 sample in motion. Chosen: {_choice(account['chosen'])}.*"
+    )
+    yield ""
+    yield (
+        "Of any run: `wovenfab report DIR --animation`; in ParaView: `open_in_paraview.py`, which "
+        "`wovenfab report DIR` writes."
+    )
+    yield ""
 
 
 def _choice(chosen: Mapping[str, Any]) -> str:
