@@ -110,10 +110,11 @@ def _choice(chosen: Mapping[str, Any]) -> str:
 
 
 def _numerics(account: Account) -> str:
-    runs = list(account["runs"].values())
+    names = dict.fromkeys(run for figure in account["figures"] for run in figure["runs"])
+    runs = [account["runs"][name] for name in names]
     unknowns = [run["unknowns"] for run in runs]
     return (
-        f"elements of degree {runs[0]['degree']} and {1e3 * runs[0]['mesh_size_m']:g} mm, "
-        f"{min(unknowns)} to {max(unknowns)} unknowns, "
+        f"those of the figures with elements of degree {runs[0]['degree']} and "
+        f"{1e3 * runs[0]['mesh_size_m']:g} mm, {min(unknowns)} to {max(unknowns)} unknowns, "
         f"{min(run['steps'] for run in runs)} to {max(run['steps'] for run in runs)} steps"
     )
