@@ -41,7 +41,7 @@ class PaperFigure:
         says: What the paper says of it.
         kind: How it is drawn.
         panels: Its pictures, in the paper's order.
-        one_scale: Whether all sheets have the same colours.
+        alike: Panels that have the same colours as these, those of other figures among them.
     """
 
     number: int
@@ -49,12 +49,17 @@ class PaperFigure:
     says: str
     kind: Kind
     panels: tuple[Panel, ...]
-    one_scale: bool = False
+    alike: tuple[Panel, ...] = ()
 
     @property
     def file(self) -> str:
         """Name of the picture: vector graphics for curves, pixels for fields."""
         return f"figure-{self.number:02d}.{'png' if self.kind == 'sheets' else 'svg'}"
+
+
+def _bent(ratio: str) -> tuple[Panel, ...]:
+    run = RATIOS[ratio]
+    return tuple(Panel(f"{ratio}, family {i}", run, f"curvature_{i}") for i in (1, 2))
 
 
 def _curvatures(number: int, ratio: str) -> PaperFigure:
@@ -64,11 +69,8 @@ def _curvatures(number: int, ratio: str) -> PaperFigure:
         "The curvature does not vanish in regions that are comparable with the sample, so that "
         "the energy of bending cannot be neglected.",
         "sheets",
-        tuple(
-            Panel(f"{ratio}, family {family}", RATIOS[ratio], f"curvature_{family}")
-            for family in (1, 2)
-        ),
-        one_scale=True,
+        _bent(ratio),
+        alike=tuple(panel for other in RATIOS for panel in _bent(other)),
     )
 
 
@@ -144,6 +146,5 @@ FIGURES: tuple[PaperFigure, ...] = (
         "It is almost uniform over a large central zone.",
         "sheets",
         tuple(Panel(ratio, RATIOS[ratio], "shear_angle") for ratio in ("1:3", "1:4")),
-        one_scale=True,
     ),
 )

@@ -22,8 +22,9 @@ _MOTION = 7.0
 _NOTES = {
     "program": "Displacement and velocity of the moved edge.",
     "loops": "Above each run by itself, its cycles from light to dark; below all together.",
-    "sheets": "True to scale, the same in Figures 8 to 13; family 1 black, family 2 blue, dashed "
-    "at rest; each colour bar is for the sheet beside it.",
+    "sheets": "One scale of length in Figures 8 to 13, one of colours for all ratios; colours of "
+    "slip and curvature follow the square root, so that small values show. Family 1 black, family 2 "
+    "blue, dashed at rest.",
 }
 
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -15,7 +14,7 @@ from wovenfab.paper.campaign import Results
 from wovenfab.paper.figures import Panel, PaperFigure
 from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.extremes import largest
-from wovenfab.report.looks import Scale, scale_of
+from wovenfab.report.looks import LOOKS, Scale, scale_of
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.source import open_source
 from wovenfab.report.style import INK, MILLIMETRE
@@ -26,6 +25,8 @@ _SCALE = 4.6
 _SPACING = 0.04
 #: Room (in) around a sheet: left, right for the colour bar, below, above for the title.
 _LEFT, _RIGHT, _BELOW, _ABOVE = 0.08, 0.85, 0.08, 0.26
+#: Fields whose colours follow the square root, so that small values show beside large ones.
+_BY_ROOT = ("beta", "curvature_1", "curvature_2")
 #: Length of the bar that tells the scale (mm).
 _BAR = 100
 
@@ -50,11 +51,11 @@ def sheets(figure: PaperFigure, results: Results) -> Figure:
     drawn = Figure(figsize=(width, height))
     drawn.set_layout_engine("none")  # every inch is placed here
     top = height
+    scale = _scale(figure, results)
     for picture, (low, high), tall in zip(pictures, extents, highs, strict=True):
         bottom = top - _ABOVE - tall
         own = _SCALE * (high - low)[0]
         axes = drawn.add_axes((_LEFT / width, bottom / height, own / width, tall / height))
-        scale = _scale(picture, pictures, figure.one_scale)
         _draw(axes, picture, scale, (low, high))
         bar = drawn.add_axes(
             (
@@ -64,7 +65,9 @@ def sheets(figure: PaperFigure, results: Results) -> Figure:
                 0.9 * tall / height,
             )
         )
-        drawn.colorbar(axes.collections[0], cax=bar, label=_short(scale.label), extend=scale.extend)
+        drawn.colorbar(
+            axes.collections[0], cax=bar, label=_short(picture, scale), extend=scale.extend
+        )
         top = bottom - _BELOW
     _draw_bar(drawn.axes[0])
     return drawn
@@ -83,17 +86,17 @@ def _picture(results: Results, panel: Panel) -> _Picture:
     )
 
 
-def _scale(picture: _Picture, pictures: Sequence[_Picture], one_scale: bool) -> Scale:
-    """Return the scale of a picture, in the unit of all; its colours may be its own."""
-    name, unit = picture.panel.field, picture.unit
-    together = scale_of(name, unit, [p.values for p in pictures])
-    if one_scale:
-        return together
-    own = scale_of(name, unit, [picture.values])
-    first, last = (
-        v * together.factor / own.factor for v in (own.norm.vmin or 0.0, own.norm.vmax or 1.0)
-    )
-    return replace(own, label=together.label, factor=together.factor, norm=Normalize(first, last))
+def _scale(figure: PaperFigure, results: Results) -> Scale:
+    """Return the scale of all sheets of a field.
+
+    Sizes that differ much between them are told apart by their roots.
+    """
+    found = [_picture(results, panel) for panel in figure.alike or figure.panels]
+    name = figure.panels[0].field
+    scale = scale_of(name, found[0].unit, [picture.values for picture in found])
+    if name in _BY_ROOT:
+        scale = replace(scale, norm=PowerNorm(0.5, scale.norm.vmin, scale.norm.vmax))
+    return scale
 
 
 def _extent(sheet: Sheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -126,6 +129,7 @@ def _draw_bar(axes: Axes) -> None:
     axes.text(right - _BAR / 2, high + 28, f"{_BAR} mm", ha="center", fontsize=7.5)
 
 
-def _short(label: str) -> str:
-    """Return symbol and unit of a field's label."""
-    return label.rpartition(" (")[0].split()[-1] + " " + label[label.rindex("(") :]
+def _short(picture: _Picture, scale: Scale) -> str:
+    """Return symbol of a picture's field and unit of its scale."""
+    symbol = LOOKS[picture.panel.field].label.split()[-1]
+    return symbol + " " + scale.label[scale.label.rindex("(") :]
