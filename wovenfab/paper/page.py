@@ -23,8 +23,8 @@ _NOTES = {
     "program": "Displacement and velocity of the moved edge.",
     "loops": "Above each run by itself, its cycles from light to dark; below all together.",
     "sheets": "One scale of length in Figures 8 to 13, one of colours for all ratios; colours of "
-    "slip and curvature follow the square root, so that small values show. Family 1 black, family 2 "
-    "blue, dashed at rest.",
+    "slip and curvature follow the square root, so that small values show. Family 1 black, family "
+    "2 blue, dashed at rest.",
 }
 
 
