@@ -166,7 +166,7 @@ def _rows(kind: str) -> list[Row]:
     )
     speed = Row(
         name=f"friction-{name}-speed",
-        title=f"the same at {', '.join(map(str, SPEEDS))} times the speed",
+        title=f"the same, one strength, at {', '.join(map(str, SPEEDS))} times the speed",
         hard="nothing may depend on time",
         remedy="increments in place of rates",
         setting=ELASTIC.but(path()),
