@@ -23,7 +23,8 @@ from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.scheme import SCHEMES

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, first_crossing
-from wovenfab.solver.equilibrium import Controls
+from wovenfab.solver.controls import Controls
 
 SHORT = 0.6  # 1:2, locks at 0.124 m
 Array = NDArray[np.float64]

@@ -16,8 +16,8 @@ from tests import scenes
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.solver.coercivity import proven_penalty
+from wovenfab.solver.controls import Controls, Outcome
 from wovenfab.solver.diagnosis import Diagnosis, diagnose
-from wovenfab.solver.equilibrium import Controls, Outcome
 from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
 from wovenfab.stepping.march import March
 from wovenfab.stepping.program import program_of, ramp

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.equilibrium import Controls, Outcome
+from wovenfab.solver.controls import Controls, Outcome
 
 CUBIC = Numerics(3)
 LARGE = 0.1

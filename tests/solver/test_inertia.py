@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver.branch import leave_saddle, softest_mode
-from wovenfab.solver.equilibrium import Controls, Equilibrium, Outcome
+from wovenfab.solver.controls import Controls, Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.solver.inertia import Inertia
 
 #: Pushed along the yarns, the coarse sheet buckles first at 0.026 mm.

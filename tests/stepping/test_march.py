@@ -12,7 +12,8 @@ import pytest
 from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver import equilibrium as solver_module
-from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp

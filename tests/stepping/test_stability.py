@@ -12,7 +12,7 @@ import pytest
 from tests import scenes
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model
-from wovenfab.solver.equilibrium import Controls
+from wovenfab.solver.controls import Controls
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES

@@ -15,7 +15,7 @@ from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.loads import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.solver.equilibrium import Controls
+from wovenfab.solver.controls import Controls
 from wovenfab.stepping.failure import StartFailedError
 from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp

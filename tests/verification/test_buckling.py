@@ -15,7 +15,7 @@ from scipy.special import ellipe, ellipk
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.equilibrium import Controls
+from wovenfab.solver.controls import Controls
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES

@@ -7,7 +7,7 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.equilibrium import Controls
+from wovenfab.solver.controls import Controls
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.scheme import SCHEMES

@@ -13,7 +13,8 @@ from tests import scenes
 from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.loads import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.equilibrium import Equilibrium
 
 STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
 STRETCHED = {"stretch": {"stiffness": (STIFFNESS, STIFFNESS)}, "shear": {"stiffness": 400.0}}

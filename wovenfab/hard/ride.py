@@ -22,7 +22,8 @@ from wovenfab.simulation.assemble import (
     scheme_of,
     sheet_of,
 )
-from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
 from wovenfab.stepping.pace import Pace

@@ -7,7 +7,8 @@ from typing import Any
 
 from petsc4py import PETSc
 
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.pace import CUT, Pace
 
 Reason = PETSc.SNES.ConvergedReason

@@ -30,7 +30,8 @@ from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.simulation.symbols import held_of, load_of, values_of
-from wovenfab.solver.equilibrium import Controls, Equilibrium
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.program import Program, Stretch, cycle, program_of, ramp, table
 from wovenfab.stepping.scheme import SCHEMES, Scheme
 

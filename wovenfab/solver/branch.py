@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.solver.inertia import bounds
 
 #: Largest displacement with which a saddle is left, over the size of the sheet.

@@ -13,7 +13,8 @@ from wovenfab.model.compiler import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.solver.coercivity import proven_penalty
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.solver.pivots import Pivots, pivots_of, softest
 
 Array = NDArray[np.float64]

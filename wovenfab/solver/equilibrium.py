@@ -8,8 +8,7 @@ Where friction is too sharp for that, its stress is carried at quadrature points
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -30,13 +29,12 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
 from wovenfab.solver.carried import CarriedStress
+from wovenfab.solver.controls import Controls, Outcome
 from wovenfab.solver.inertia import Inertia, start_vector
 from wovenfab.solver.pivots import factor_status
+from wovenfab.solver.snes import Options, create_snes, reason_of
 
 Reason = PETSc.SNES.ConvergedReason
-REASONS = {
-    value: name for name, value in vars(Reason).items() if isinstance(value, int) and value != 0
-}
 #: Largest number of halvings in the line search, and its sufficient-decrease constant.
 HALVINGS = 14
 DECREASE = 1e-4
@@ -47,49 +45,6 @@ EPSILON = float(np.finfo(np.float64).eps)
 ROUND_OFF = 1e-12
 #: Iterations after which friction that can be carried is.
 PATIENCE = 12
-
-
-@dataclass(frozen=True)
-class Controls:
-    """How equilibrium is sought.
-
-    Attributes:
-        max_iterations: Newton iterations after which a step is given up.
-        tolerance: Residual force over the largest internal force met so far.
-        options: PETSc options, such as ``{"snes_monitor": None}``.
-        step_limit: Keep iterates admissible; only a test switches it off.
-        line_search: Backtrack on the potential; only a test switches it off.
-        descend: Step downwards where the tangent is indefinite.
-        seed: Of the random field that decides between the branches at a bifurcation.
-    """
-
-    max_iterations: int = 25
-    tolerance: float = 1e-9
-    options: Mapping[str, Any] | None = None
-    step_limit: bool = True
-    line_search: bool = True
-    descend: bool = False
-    seed: int = 0
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """How a solve ended.
-
-    Attributes:
-        converged: Whether equilibrium was found.
-        reason: PETSc's name of the reason.
-        iterations: Newton iterations.
-        residual: Norm of the residual force, N.
-        negatives: Number of negative eigenvalues of the tangent at the solution; it is a
-            minimum of the incremental potential if there is none.
-    """
-
-    converged: bool
-    reason: str
-    iterations: int
-    residual: float
-    negatives: int = 0
 
 
 class Equilibrium:
@@ -111,6 +66,7 @@ class Equilibrium:
         self._residual = model.field.x.petsc_vec.duplicate()  # ghosted
         self._solution = self._residual.duplicate()
         self._diagonal = self._residual.duplicate()
+        self._options = Options(controls)
         self._snes = self._create_snes()
         cholesky = self._snes.getKSP().getPC().getType() == "cholesky"
         self._matrix = create_matrix(model.jacobian, upper=cholesky)
@@ -149,28 +105,11 @@ class Equilibrium:
         )
 
     def _create_snes(self) -> Any:
-        snes = PETSc.SNES().create(self._model.comm)
-        snes.setType("newtonls")
+        snes = create_snes(self._model.comm, self._controls)
         snes.setFunction(self._evaluate_residual, self._residual)
         snes.setObjective(self._evaluate_objective)
         snes.setLineSearchPreCheck(self._limit_step)
         snes.setConvergenceTest(self._test)
-        snes.setTolerances(max_it=self._controls.max_iterations)
-        ksp = snes.getKSP()
-        ksp.setType("preonly")
-        pc = ksp.getPC()
-        pc.setType("cholesky")
-        pc.setFactorSolverType("mumps")
-        # The line search is ours, in the pre-check; PETSc's own stay reachable.
-        # Options stay set while the object lives, since PETSc reads some at the first solve.
-        # MUMPS counts negative pivots only where it leaves the last block to itself (13).
-        ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
-        settings = {**ours, **(self._controls.options or {})}
-        options = PETSc.Options()
-        self._options = [name for name in settings if name not in options]
-        for name in self._options:
-            options[name] = settings[name]
-        snes.setFromOptions()
         return snes
 
     def solve(self) -> Outcome:
@@ -235,7 +174,7 @@ class Equilibrium:
             self._energy_scale = max(self._energy_scale, abs(self._potential or 0.0))
         return Outcome(
             converged=reason > 0,
-            reason=REASONS.get(reason, str(reason)),
+            reason=reason_of(self._snes),
             iterations=iterations,
             residual=self._norm,
             negatives=negatives,
@@ -299,8 +238,7 @@ class Equilibrium:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for name in self._options:
-            PETSc.Options().delValue(name)
+        self._options.clear()
         self.inertia.destroy()
         for stresses in (self._always, self._sharp[1] if self._sharp else None):
             if stresses:

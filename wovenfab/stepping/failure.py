@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from wovenfab.solver.controls import Outcome
 from wovenfab.solver.diagnosis import Diagnosis
-from wovenfab.solver.equilibrium import Outcome
 
 
 class StepFailedError(Exception):

@@ -9,8 +9,9 @@ import numpy as np
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
+from wovenfab.solver.controls import Outcome
 from wovenfab.solver.diagnosis import diagnose, unsound_penalty
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
 from wovenfab.stepping.forces import Forces
 from wovenfab.stepping.pace import Pace

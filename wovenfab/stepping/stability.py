@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.branch import leave_saddle, softest_mode
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 
 Treatment = Literal["stop", "follow", "ignore"]
 #: A loss is found once the forces on both sides of it agree to this, relative, ...

@@ -9,7 +9,8 @@ from mpi4py import MPI
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
-from wovenfab.solver.equilibrium import Equilibrium, Outcome
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StartFailedError
 
 
