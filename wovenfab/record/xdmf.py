@@ -6,6 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
+#: What is around the frames, and how deep they are in it.
+HEAD = """<?xml version="1.0"?>
+<Xdmf Version="3.0">
+  <Domain>
+    <Grid Name="fields" GridType="Collection" CollectionType="Temporal">
+"""
+TAIL = """    </Grid>
+  </Domain>
+</Xdmf>
+"""
+LEVEL = 3
+
 
 @dataclass(frozen=True)
 class Frame:
@@ -49,31 +61,28 @@ def xdmf(layout: Layout, vectors: Mapping[str, bool], frames: Sequence[Frame]) -
         vectors: For each field whether it is a vector (three components) or a scalar.
         frames: The times, ascending.
     """
-    root = ET.Element("Xdmf", Version="3.0")
-    domain = ET.SubElement(root, "Domain")
-    series = ET.SubElement(
-        domain, "Grid", Name="fields", GridType="Collection", CollectionType="Temporal"
+    return HEAD + "".join(_text(layout, vectors, frame) for frame in frames) + TAIL
+
+
+def _text(layout: Layout, vectors: Mapping[str, bool], frame: Frame) -> str:
+    """Return the text of a frame: a tree of all of them takes more memory with every one."""
+    grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
+    ET.SubElement(grid, "Time", Value=repr(frame.time))
+    topology = ET.SubElement(
+        grid, "Topology", TopologyType=layout.kind, NumberOfElements=str(layout.cells)
     )
-    for frame in frames:
-        grid = ET.SubElement(series, "Grid", Name="sheet", GridType="Uniform")
-        ET.SubElement(grid, "Time", Value=repr(frame.time))
-        topology = ET.SubElement(
-            grid, "Topology", TopologyType=layout.kind, NumberOfElements=str(layout.cells)
-        )
-        where, shape = layout.connectivity
-        _item(topology, f"{layout.data}:{where}", shape, "Int")
-        geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
-        place = frame.group if layout.moving else "/mesh"
-        _item(geometry, f"{layout.data}:{place}/points", (layout.points, 3), "Float")
-        for name, vector in vectors.items():
-            kind = "Vector" if vector else "Scalar"
-            attribute = ET.SubElement(
-                grid, "Attribute", Name=name, AttributeType=kind, Center="Node"
-            )
-            size = (layout.points, 3) if vector else (layout.points,)
-            _item(attribute, f"{layout.data}:{frame.group}/{name}", size, "Float")
-    ET.indent(root)
-    return '<?xml version="1.0"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+    where, shape = layout.connectivity
+    _item(topology, f"{layout.data}:{where}", shape, "Int")
+    geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
+    place = frame.group if layout.moving else "/mesh"
+    _item(geometry, f"{layout.data}:{place}/points", (layout.points, 3), "Float")
+    for name, vector in vectors.items():
+        kind = "Vector" if vector else "Scalar"
+        attribute = ET.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
+        size = (layout.points, 3) if vector else (layout.points,)
+        _item(attribute, f"{layout.data}:{frame.group}/{name}", size, "Float")
+    ET.indent(grid, level=LEVEL)
+    return 2 * LEVEL * " " + ET.tostring(grid, encoding="unicode") + "\n"
 
 
 def _item(parent: ET.Element, where: str, shape: tuple[int, ...], kind: str) -> None:
