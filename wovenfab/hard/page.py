@@ -40,7 +40,8 @@ def page(families: Sequence[Family], kept: Mapping[str, Kept], alternatives: str
         kept: Results by the name of the row; rows without one are left out.
         alternatives: The section on what else was tried.
     """
-    parts = [HEAD, table(families, kept), NOTES]
+    commits = ", ".join(sorted({f"`{k.commit}`" for k in kept.values() if k.commit}))
+    parts = [HEAD, table(families, kept), NOTES, f"Code of these figures: commit {commits}.\n"]
     for family in families:
         if any(row.name in kept for row in family.rows):
             parts.append(
