@@ -106,7 +106,7 @@ WAYS: Mapping[str, Callable[[Setting], Tally]] = {
 TEXT = """## What else was tried
 
 Solves and iterations of Newton's method, those of rejected attempts included, and the force at
-the end. A step limit keeps all of them admissible. *As it is*: a solve ends after two searches in
+the end. *As it is*: a solve ends after two searches in
 a row without a lower potential, the second of them with the plain tangent, and a cut step is
 remembered and doubled after an easy step. A shift makes every direction one of descent and may
 end on another branch than small steps do; where the force differs it did.
