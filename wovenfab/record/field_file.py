@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from os import SEEK_END
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.record.results import write_whole
-from wovenfab.record.xdmf import Frame, Layout, xdmf
+from wovenfab.record.xdmf import HEAD, TAIL, Frame, Layout, frame_text
 
 #: Name of the files, without suffix, of the fields of a run and of modes.
 FIELDS, MODE, ERROR = "fields", "mode", "error"
@@ -84,7 +85,7 @@ class FieldFile:
         )
         self._units = dict(units)
         self._vectors: dict[str, bool] = {}
-        self._frames: list[Frame] = []
+        self._last: float | None = None  # time, s
         with h5py.File(self._path.with_suffix(".h5"), "w", **UNLOCKED) as file:
             mesh = file.create_group("mesh")
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
@@ -104,10 +105,10 @@ class FieldFile:
             ValueError: The time does not grow, or a field changed its shape.
             OSError: The files cannot be written.
         """
-        if self._frames and time <= self._frames[-1].time:
-            raise ValueError(f"time {time} s comes after {self._frames[-1].time} s in the fields")
+        if self._last is not None and time <= self._last:
+            raise ValueError(f"time {time} s comes after {self._last} s in the fields")
         vectors = {name: values.ndim == 2 for name, values in fields.items()}
-        same = not self._frames or vectors == self._vectors
+        same = self._last is None or vectors == self._vectors
         if not same or any(len(values) != self._layout.points for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
         frame = Frame(time, f"/steps/{step:06d}")
@@ -117,10 +118,19 @@ class FieldFile:
                 data = _padded(values) if vectors[name] else values
                 group.create_dataset(name, data=data, **_PACK).attrs["unit"] = self._units[name]
             group.attrs.update(step=step, time=time)  # last: marks the step as complete
-        self._vectors = vectors
-        self._frames.append(frame)
         shown = {name: vector for name, vector in vectors.items() if name != "points"}
-        write_whole(self._path.with_suffix(".xdmf"), xdmf(self._layout, shown, self._frames))
+        self._name(frame_text(self._layout, shown, frame))
+        self._vectors, self._last = vectors, time
+
+    def _name(self, frame: str) -> None:
+        """Add the text of a frame to the XDMF, at its end: long runs have thousands."""
+        path = self._path.with_suffix(".xdmf")
+        if self._last is None:
+            write_whole(path, HEAD + frame + TAIL)
+            return
+        with path.open("r+b", buffering=0) as file:  # one write, so that readers find it whole
+            file.seek(-len(TAIL.encode()), SEEK_END)
+            file.write((frame + TAIL).encode())
 
 
 def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:

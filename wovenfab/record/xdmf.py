@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from xml.etree import ElementTree as ET
 
@@ -49,8 +49,8 @@ class Layout:
     moving: bool
 
 
-def xdmf(layout: Layout, vectors: Mapping[str, bool], frames: Sequence[Frame]) -> str:
-    """Return the XDMF of a series.
+def frame_text(layout: Layout, vectors: Mapping[str, bool], frame: Frame) -> str:
+    """Return the text of one frame, which stands between ``HEAD`` and ``TAIL`` with others.
 
     Each frame names topology, geometry and all attributes itself, without references:
     ParaView's first reader crashes on the form with ``xi:include``, and the other two split
@@ -59,13 +59,8 @@ def xdmf(layout: Layout, vectors: Mapping[str, bool], frames: Sequence[Frame]) -
     Args:
         layout: What is in the HDF5 file.
         vectors: For each field whether it is a vector (three components) or a scalar.
-        frames: The times, ascending.
+        frame: The time.
     """
-    return HEAD + "".join(_text(layout, vectors, frame) for frame in frames) + TAIL
-
-
-def _text(layout: Layout, vectors: Mapping[str, bool], frame: Frame) -> str:
-    """Return the text of a frame: a tree of all of them takes more memory with every one."""
     grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
     ET.SubElement(grid, "Time", Value=repr(frame.time))
     topology = ET.SubElement(
