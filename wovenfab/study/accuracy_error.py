@@ -66,14 +66,12 @@ def best_of(ladders: Sequence[Ladder]) -> Best:
     """
     ranked = sorted(ladders, key=own_error)
     first = ranked[0]
-    error = own_error(first)
-    if len(ranked) == 1:
-        return Best(first.values[-1], error, first.method)
-    second = ranked[1]
-    apart = abs(first.values[-1] - second.values[-1])
-    if isfinite(other := own_error(second)):
-        error = max(error, apart - other)
-    return Best(first.values[-1], error, first.method, second.method)
+    value, error = first.values[-1], own_error(first)
+    second = ranked[1] if len(ranked) > 1 else None
+    if second is None or not isfinite(other := own_error(second)):
+        return Best(value, error, first.method)
+    apart = abs(value - second.values[-1])
+    return Best(value, max(error, apart - other), first.method, second.method)
 
 
 def own_error(ladder: Ladder) -> float:
@@ -144,7 +142,12 @@ def combined(space: Best, time: Best, base: float) -> Best:
     value = space.value * time.value / base
     mixed = abs((space.value / base - 1) * (time.value / base - 1))
     error = abs(value) * (space.relative + time.relative + mixed)
-    return Best(value, error, f"{space.method}; {time.method}", f"{space.check}; {time.check}")
+    return Best(
+        value,
+        error,
+        f"{space.method}; {time.method}",
+        "; ".join(c or "nothing" for c in (space.check, time.check)),
+    )
 
 
 def worst(errors: Mapping[str, float]) -> float:
