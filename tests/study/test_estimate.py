@@ -11,9 +11,10 @@ from mpi4py import MPI
 from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import model_of, sheet_of
-from wovenfab.simulation.trace import discretised, paced, steps_in, trace_of
+from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
+from wovenfab.study.elements import Limits
 from wovenfab.study.error_map import raised, shares
-from wovenfab.study.estimate import Estimate, estimate
+from wovenfab.study.estimate import DISSIPATED, PEAK, Estimate, Ladder, Pair, rung
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
 from wovenfab.study.pilot import pilot
 
@@ -31,7 +32,13 @@ def sheet(case: Case) -> Sheet:
 
 
 def estimated(case: Case) -> Estimate:
-    return estimate(case, sheet(case), lambda text: None)
+    on, degree = sheet(case), case.discretisation.degree
+    degrees = degree - 1, degree, degree + 1
+    ladder = Ladder(degrees, tuple(rung(brief(case), on, p) for p in degrees))
+    if not case.needs.rate:
+        return Estimate(ladder, degree)
+    pair = Pair(trace_of(paced(case, 0.5), on), trace_of(case, on), order=2)
+    return Estimate(ladder, degree, pair.errors())
 
 
 def elements(degree: int, mesh_size: float) -> str:
@@ -64,49 +71,66 @@ def test_the_error_of_an_elastic_force_is_estimated(
     name: str, to: int, degree: int, mesh_size: float, limit: float
 ) -> None:
     program = f"program={{type: ramp, to: {to} mm, steps: 8}}"
-    found = estimated(case_of(name, program, elements(degree, mesh_size)))
-    error = found.errors["peak_force_N"]
-    effectivity = error.size / (error.value - limit)
-    print(f"{name} P{degree} {mesh_size} m: {error.value:.3f} N, effectivity {effectivity:.2f}")
+    case = case_of(name, program, elements(degree, mesh_size))
+    found = estimated(case)
+    force = trace_of(case, sheet(case)).figures[PEAK]
+    effectivity = found.relative[PEAK] * force / (force - limit)
+    print(f"{name} P{degree} {mesh_size} m: {force:.3f} N, effectivity {effectivity:.2f}")
     assert LEAST < effectivity < MOST
 
 
-@pytest.mark.xfail(reason="on this coarse mesh the error of the force is overestimated 3.6 times")
-@pytest.mark.parametrize("name", ["bias-1x3", pytest.param("spin-1x3", marks=pytest.mark.slow)])
-def test_the_errors_of_a_cycle_with_friction_are_estimated(name: str) -> None:
-    def of(degree: int, mesh_size: float, steps: int) -> Case:
-        return case_of(
-            name,
-            "program.amplitudes=[20 mm]",
-            elements(degree, mesh_size),
-            f"time.steps_per_cycle={steps}",
-        )
+SPIN = "effects.spin_friction={strength: 30 N/m, slope: 40 s}"
+CYCLE = "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}"
 
-    case, finer = of(3, 0.15, 16), of(4, 0.1, 16)
-    found, space = estimated(case), trace_of(finer, sheet(finer)).figures
+
+@pytest.mark.parametrize(
+    ("name", "settings"),
+    [
+        pytest.param("bias-1x3", (), id="two placements, slip"),
+        pytest.param("spin-1x3", (), id="two placements, slip and spin", marks=pytest.mark.slow),
+        pytest.param("bonded-1x3", (SPIN,), id="one placement, spin", marks=pytest.mark.slow),
+    ],
+)
+def test_the_errors_of_a_cycle_with_friction_are_estimated(
+    name: str, settings: tuple[str, ...]
+) -> None:
+    def of(degree: int, mesh_size: float, steps: int) -> Case:
+        chosen = elements(degree, mesh_size), f"time.steps_per_cycle={steps}"
+        return case_of(name, CYCLE, *settings, *chosen)
+
+    steps = 32
+    case, finer = of(3, 0.15, steps), of(4, 0.1, steps)
+    found = estimated(case)
+    low, high = (trace_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
-    times = [trace_of(of(2, 0.3, n), sheet(of(2, 0.3, n))).figures for n in (16, 64)]
-    for figure, error in found.errors.items():
-        true = error.value - space[figure] + times[0][figure] - times[1][figure]
-        effectivity = error.size / abs(true)
-        print(f"{name} {figure}: {error}, true {true:.4g}, effectivity {effectivity:.2f}")
+    few, many = (trace_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
+    limits = {PEAK: many.crest, DISSIPATED: many.figures[DISSIPATED]}
+    for figure, error in found.relative.items():
+        space = 1 - high[figure] / low[figure]
+        time = 1 - limits[figure] / few.figures[figure]
+        effectivity = error / abs(space + time)
+        assert found.time is not None
+        print(
+            f"{name} {figure}: elements {found.space[figure]:.3%} (true {space:.3%}), steps "
+            f"{found.time[figure]:.3%} (true {time:.3%}), effectivity {effectivity:.2f}"
+        )
         assert LEAST < effectivity < MOST
 
 
-@pytest.mark.xfail(reason="60 % of the error is found beside the free edges, 70 % is asked")
-def test_the_map_tells_where_elements_are_too_coarse() -> None:
-    case = case_of(
-        "bonded-1x3", "program.steps=2", elements(2, 0.15), "discretisation.penalty=auto"
-    )
-    case = discretised(case, mesh="fibres")
+@pytest.mark.parametrize("name", ["bonded-1x3", "elastic-1x3"])
+def test_the_map_is_that_of_the_true_error(name: str) -> None:
+    case = case_of(name, "program={type: ramp, to: 40 mm, steps: 2}", elements(2, 0.15))
     on = sheet(case)
-    low = trace_of(case, on).model
-    high = trace_of(discretised(case, degree=3), on).model
-    share = shares(low, high)
-    assert share.sum() == pytest.approx(1)
-    corners = on.mesh.geometry.x[on.mesh.geometry.dofmap][:, :, 1]
-    beside = ((corners < 0.05) | (corners > 0.25)).any(axis=1)
-    assert share[beside].sum() > 0.7  # the layers along the free edges
+    low, next_one, far_better = (trace_of(discretised(case, degree=p), on).model for p in (2, 3, 5))
+    told, true = shares(low, next_one), shares(low, far_better)
+    assert told.sum() == pytest.approx(1)
+
+    def misplaced(share: np.ndarray) -> float:
+        return float(np.abs(share - true).sum() / 2)
+
+    print(f"{name}: {misplaced(told):.3f} of the error in wrong cells")
+    assert misplaced(told) < 0.2
+    assert misplaced(told) < misplaced(np.full(len(told), 1 / len(told))) / 2
 
 
 @pytest.mark.parametrize("name", ["bonded-1x3", "elastic-1x3"])
@@ -140,17 +164,49 @@ def test_the_pilot_reaches_what_it_says() -> None:
     assert found.estimate.worst <= 0.01
 
 
-def test_what_memory_does_not_allow_is_said_with_the_best_reached() -> None:
+@pytest.mark.parametrize(
+    ("limits", "reason"), [(Limits(1.2e8), "GB of memory"), (Limits(1e12, time=0.0), "would take")]
+)
+def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
+    limits: Limits, reason: str
+) -> None:
     case = case_of(
         "elastic-1x3",
         "accuracy=0.001 %",
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    found = pilot(case, sheet, lambda text: None, most=1.2e8)
-    assert "GB of memory" in found.shortfall
+    found = pilot(case, sheet, lambda text: None, limits)
+    assert reason in found.shortfall
     assert found.estimate is not None
     assert found.estimate.worst > 1e-5
+
+
+def test_a_cycle_with_friction_is_as_accurate_as_asked() -> None:
+    case = case_of("bias-1x3", "accuracy=5 %", "discretisation=null", "time=null", CYCLE)
+    found = pilot(case, sheet, lambda text: None)
+    assert not found.shortfall
+    assert found.estimate is not None
+    assert found.estimate.worst < 0.05
+    trace = trace_of(found.case, found.sheet)
+    # limits as in docs/accuracy.md
+    errors = [abs(trace.figures[PEAK] / 344.03 - 1), abs(trace.figures[DISSIPATED] / 3.161 - 1)]
+    print(f"{found.case.discretisation}, {trace.steps} steps, true errors {errors}")
+    assert max(errors) < 0.05
+    assert found.case.time.tolerance is not None
+
+
+@pytest.mark.parametrize("kink", [0.0, 0.1])
+def test_a_crest_between_steps_is_found(kink: float) -> None:
+    def force(t: np.ndarray) -> np.ndarray:
+        late = np.maximum(t - 0.473, 0)
+        return np.asarray(1 - np.cos(2 * np.pi * t) - 20 * kink * late)
+
+    times = np.linspace(0, 1, 33)
+    true = force(np.linspace(0, 1, 100_001)).max()
+    sampled = force(times)
+    assert abs(crest_of(times, sampled) / true - 1) < 2e-3
+    assert abs(crest_of(times, -sampled) + true) < 2e-3 * true
 
 
 def test_steps_are_thinned_alike_in_all_segments() -> None:

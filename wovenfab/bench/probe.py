@@ -71,7 +71,7 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
             iterations=sum(step.iterations for step in steps),
             seconds=comm.allreduce(seconds, op=MPI.MAX),
             memory=comm.allreduce(_peak() - before),
-            force=max(rig.force(step)[0] for step in steps),
+            force=max(rig.force(step.reactions)[0] for step in steps),
             dissipated=sum(steps[-1].dissipated.values()),
         )
     if comm.rank == 0:

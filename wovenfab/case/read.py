@@ -114,7 +114,7 @@ def dump_case(case: Case) -> str:
 
 
 #: What is found by the program, and not said by the case, where an accuracy is asked for.
-CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle"}}
+CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle", "tolerance"}}
 
 
 class _InOrder(GenerateJsonSchema):

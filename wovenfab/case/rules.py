@@ -258,9 +258,16 @@ def _accuracy(
         return
     for section, name, keys in (
         (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
-        (time, "time", ("steps_per_cycle",)),
+        (time, "time", ("steps_per_cycle", "tolerance")),
     ):
         for key in keys:
             if key in section.model_fields_set and getattr(section, key) is not None:
                 reason = "is chosen by the program where an accuracy is asked for"
                 yield (name, key), reason, "Leave this key out, or leave 'accuracy' out."
+
+
+@_rule
+def _tolerance(time: Time) -> Iterator[Finding]:
+    if time.tolerance is not None and time.scheme != "bdf2":
+        reason = f"the error of a step is not measured with {time.scheme}"
+        yield ("time", "tolerance"), reason, "Use 'scheme: bdf2', or leave this key out."

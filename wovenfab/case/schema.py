@@ -134,6 +134,9 @@ class Time(Section):
     scheme: Literal["bdf2", "backward-euler", "midpoint"] = "bdf2"
     """How rates are formed."""
 
+    tolerance: Annotated[float | None, Quantity(above=0, most=1)] = None
+    """Steps adapt between the planned ones: error of one in friction's power and in force."""
+
     smallest_step: Annotated[float, Quantity(above=0, most=1)] = 1 / 1024
     """The run gives up on a step cut to less than this fraction of the planned one."""
 

@@ -12,7 +12,7 @@ from wovenfab.commands.voice import Voice
 from wovenfab.simulation.progress import Progress
 
 if TYPE_CHECKING:
-    from wovenfab.study.pilot import Found
+    from wovenfab.study.elements import Found
 
 #: How the figures are called on the screen.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
@@ -28,9 +28,17 @@ def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Foun
     found = pilot(case, lambda c: sheet_for(c, path, overrides), tell)
     d = found.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
-    steps = f", {found.case.time.steps_per_cycle} steps a cycle" if case.needs.history else ""
-    voice.say(f"chosen: degree {d.degree}, cells{size}{steps}")
+    voice.say(f"chosen: degree {d.degree}, cells{size}{_steps(found.case)}")
     return found
+
+
+def _steps(case: Case) -> str:
+    """Return the steps in words."""
+    tolerance, least = case.time.tolerance, case.time.steps_per_cycle
+    if not case.needs.history:
+        return ""
+    adaptive = "" if tolerance is None else f", shortened where their error is over {tolerance:.2%}"
+    return f", {least} steps a cycle{adaptive}"
 
 
 def report(
@@ -42,7 +50,7 @@ def report(
 
     reached: dict[str, Any] = {"wanted": wanted, "shortfall": found.shortfall}
     if found.estimate is not None:
-        reached["figures"] = found.estimate.as_dict()
+        reached["figures"] = found.estimate.as_dict(summary)
         write_errors(found.estimate, directory)
     write_summary(directory, {**summary, "accuracy": reached})
     for name, error in reached.get("figures", {}).items():

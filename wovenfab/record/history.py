@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 HISTORY = "history.csv"
 REACTIONS = "reactions.csv"
+#: Columns with the estimated errors of steps.
+ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class StepRecord:
         iterations: Newton iterations of the step.
         reactions: Reaction of each named edge, x and y (N).
         negatives: Negative eigenvalues of the tangent; 0 where the state is a minimum.
+        errors: Estimated errors of the steps in force (N) and dissipated energy (J); only where
+            the history has them.
     """
 
     step: int
@@ -50,6 +54,7 @@ class StepRecord:
     iterations: int
     reactions: Mapping[str, tuple[float, float]]
     negatives: int = 0
+    errors: tuple[float, float] | None = None
 
 
 class History:
@@ -66,6 +71,7 @@ class History:
         dissipated: Sequence[str],
         edges: Sequence[str],
         comm: MPI.Comm | None = None,
+        errors: bool = False,
     ) -> None:
         """Start both files with their headers; collective.
 
@@ -75,7 +81,9 @@ class History:
             dissipated: Names of the effects that dissipate energy.
             edges: Names of the edges whose reactions are recorded.
             comm: The ranks that call; all of MPI's if None.
+            errors: Whether the errors of steps are recorded, too.
         """
+        self._has_errors = errors
         self._comm = world() if comm is None else comm
         self._stored, self._dissipated, self._edges = (
             tuple(stored),
@@ -120,7 +128,8 @@ class History:
             + [f"energy_{name}_J" for name in self._stored]
             + ["dissipated_J"]
             + [f"dissipated_{name}_J" for name in self._dissipated]
-            + ["work_J", "imbalance_J", "newton_iterations", "negative_eigenvalues"]
+            + ["work_J", "imbalance_J", *(ERRORS if self._has_errors else ())]
+            + ["newton_iterations", "negative_eigenvalues"]
         )
         reactions = ["step", "time_s"] + [f"{e}_{xy}_N" for e in self._edges for xy in "xy"]
         for name, header in ((HISTORY, history), (REACTIONS, reactions)):
@@ -133,6 +142,7 @@ class History:
             ("stored energies", row.stored, self._stored),
             ("dissipated energies", row.dissipated, self._dissipated),
             ("reactions", row.reactions, self._edges),
+            ("errors", ERRORS if row.errors else (), ERRORS if self._has_errors else ()),
         ):
             if set(given) != set(wanted):
                 raise ValueError(
@@ -145,7 +155,7 @@ class History:
         energy, lost, work = fsum(stored), fsum(dissipated), float(row.work)
         initial = energy if self._initial_energy is None else self._initial_energy
         driven = [float(v) for v in (row.displacement, row.force, row.force_transverse)]
-        balance = [work, work - (energy - initial) - lost]
+        balance = [work, work - (energy - initial) - lost, *(map(float, row.errors or ()))]
         numbers = [float(row.time), *driven, energy, *stored, lost, *dissipated, *balance]
         reactions = [float(row.reactions[edge][i]) for edge in self._edges for i in (0, 1)]
         bad = [value for value in (*numbers, *reactions) if not isfinite(value)]

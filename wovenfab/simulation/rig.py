@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ from wovenfab.simulation.assemble import (
     program_of_case,
     scheme_of,
 )
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.stability import Treatment
 
@@ -41,10 +41,14 @@ class Rig:
     march: March
     driven: tuple[str, tuple[float, float]]
 
-    def force(self, step: Step) -> tuple[float, float]:
-        """Return the force (N) of the driven edge along its motion and across it."""
+    def force(self, forces: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+        """Return the force (N) of the driven edge along its motion and across it.
+
+        Args:
+            forces: Forces (N; x, y) of all held edges.
+        """
         edge, (x, y) = self.driven
-        fx, fy = step.reactions[edge]
+        fx, fy = forces[edge]
         return x * fx + y * fy, x * fy - y * fx
 
 
@@ -70,6 +74,7 @@ def rig_of(case: Case, sheet: Sheet, stability: Treatment | None = None) -> Iter
         case.time.smallest_step,
         stability or case.solver.stability,
         case.solver.predictor == "quadratic",
+        case.time.tolerance,
     )
     try:
         yield Rig(model, constraints, program, march, driven_edge(case))

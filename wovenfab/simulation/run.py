@@ -68,7 +68,8 @@ def run(
     modes = Modes(model, directory, *rig.driven)
     failure: StepFailedError | StabilityLostError | None = None
     cutbacks = 0
-    with History(directory, stored, lost, rig.constraints.edges, comm) as history:
+    measured = march.measures_errors
+    with History(directory, stored, lost, rig.constraints.edges, comm, measured) as history:
         steps = march.steps()
         while True:
             try:
@@ -88,7 +89,7 @@ def run(
             cutbacks += step.cutbacks
             if step.loss is not None:
                 modes.add(step.loss)
-            history.append(_row(step, rig))
+            history.append(_row(step, rig, measured))
             with watch.phase("fields"):
                 fields.write(step, program)
             tell(
@@ -111,8 +112,9 @@ def run(
     return Result(failure, summary)
 
 
-def _row(step: Step, rig: Rig) -> StepRecord:
-    along, across = rig.force(step)
+def _row(step: Step, rig: Rig, measured: bool) -> StepRecord:
+    along, across = rig.force(step.reactions)
+    error = rig.force(step.error.forces)[0] if step.error else 0.0
     return StepRecord(
         step=step.number,
         time=step.time,
@@ -125,6 +127,7 @@ def _row(step: Step, rig: Rig) -> StepRecord:
         iterations=step.iterations,
         reactions=step.reactions,
         negatives=step.negatives,
+        errors=(error, step.dissipated_error) if measured else None,
     )
 
 

@@ -10,30 +10,29 @@ from numpy.typing import NDArray
 from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.assemble import (
-    constraints_of,
-    driven_edge,
-    equilibrium_of,
-    model_of,
-    program_of_case,
-    scheme_of,
-)
-from wovenfab.stepping.march import March
+from wovenfab.simulation.assemble import program_of_case
+from wovenfab.simulation.rig import rig_of
 
 Array = NDArray[np.float64]
-#: Fewest steps of a cycle.
+#: Fewest steps of a segment or cycle.
 FEWEST = 4
+#: Tolerance of Newton's method that is enough to compare answers.
+LOOSE = 1e-6
+#: Steps before and after a crest that tell how high it is, and points between two steps.
+REACH, BETWEEN = 3, 33
 
 
 @dataclass(frozen=True)
 class Trace:
-    """The answer of a case at its planned times.
+    """The answer of a case at its planned times, or at all where steps adapt.
 
     Attributes:
         times: s, shape (n,).
         displacements: Of the program, m.
         forces: On the driven edge along its motion, N.
         dissipated: Energy lost since the start, J.
+        iterations: Newton iterations, all together.
+        cutbacks: Rejected attempts: where there are some, there were more steps than planned.
         model: The model, whose field is that of the largest force.
     """
 
@@ -41,6 +40,8 @@ class Trace:
     displacements: Array
     forces: Array
     dissipated: Array
+    iterations: int
+    cutbacks: int
     model: Model
 
     @property
@@ -48,6 +49,44 @@ class Trace:
         """Largest force in size (N) and all the energy dissipated (J)."""
         peak = float(self.forces[np.abs(self.forces).argmax()])
         return {"peak_force_N": peak, "dissipated_J": float(self.dissipated[-1])}
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.times) - 1
+
+    @property
+    def crest(self) -> float:
+        """Largest force in size (N), between steps, too."""
+        return crest_of(self.times, self.forces)
+
+
+def crest_of(times: Array, forces: Array) -> float:
+    """Return the force of largest size that the curve reaches, maybe between two steps.
+
+    Before and after it the curve goes on as parabolas through three steps each, which meet
+    where it is largest, be that smooth or, where friction turns round, a kink.
+
+    Args:
+        times: Of the steps, s, shape (n,).
+        forces: At the steps, N, shape (n,).
+    """
+    at = int(np.abs(forces).argmax())
+    sign = 1.0 if forces[at] >= 0 else -1.0
+    best = abs(float(forces[at]))
+    for j in (at - 1, at):
+        if j < REACH - 1 or j + REACH >= len(times):
+            continue
+        t = np.linspace(times[j], times[j + 1], BETWEEN)
+        before, after = slice(j - REACH + 1, j + 1), slice(j + 1, j + REACH + 1)
+        sides = [_parabola(times[s], sign * forces[s], t) for s in (before, after)]
+        best = max(best, float(np.minimum(*sides).max()))
+    return sign * best
+
+
+def _parabola(times: Array, values: Array, at: Array) -> Array:
+    origin = times[-1]
+    return np.asarray(np.polyval(np.polyfit(times - origin, values, 2), at - origin))
 
 
 def trace_of(case: Case, sheet: Sheet) -> Trace:
@@ -57,34 +96,24 @@ def trace_of(case: Case, sheet: Sheet) -> Trace:
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
-    model = model_of(case, sheet)
-    constraints = constraints_of(case, model)
-    equilibrium = equilibrium_of(case, model, constraints)
-    edge, direction = driven_edge(case)
+    every = case.time.tolerance is not None
     rows: list[tuple[float, float, float, float]] = []
-    largest, state = -1.0, model.field.x.array.copy()
-    try:
-        march = March(
-            model,
-            constraints,
-            equilibrium,
-            program_of_case(case),
-            scheme_of(case),
-            case.time.smallest_step,
-            case.solver.stability,
-        )
-        for step in march.steps():
-            if step.milestone is None:
+    largest, iterations, cutbacks = -1.0, 0, 0
+    with rig_of(case, sheet) as rig:
+        field = rig.model.field.x.array
+        state = field.copy()
+        for step in rig.march.steps():
+            iterations += step.iterations
+            cutbacks += step.cutbacks
+            if step.milestone is None and not every:
                 continue
-            force = float(np.dot(direction, step.reactions[edge]))
+            force, _ = rig.force(step.reactions)
             rows.append((step.time, step.displacement, force, sum(step.dissipated.values())))
             if abs(force) > largest:
-                largest, state = abs(force), model.field.x.array.copy()
-    finally:
-        equilibrium.destroy()
-    model.field.x.array[:] = state
+                largest, state = abs(force), field.copy()
+        field[:] = state
     times, displacements, forces, dissipated = np.array(rows).T
-    return Trace(times, displacements, forces, dissipated, model)
+    return Trace(times, displacements, forces, dissipated, iterations, cutbacks, rig.model)
 
 
 def discretised(case: Case, **changes: object) -> Case:
@@ -93,23 +122,39 @@ def discretised(case: Case, **changes: object) -> Case:
     return case.model_copy(update={"discretisation": d})
 
 
-def paced(case: Case, share: float) -> Case:
-    """Return a case with about this share of its steps; a table keeps its rows.
+def brief(case: Case) -> Case:
+    """Return a case with what matters for its accuracy: the largest of its cycles.
+
+    Equilibrium is sought no more accurately than answers are compared.
+    """
+    program = tuple(
+        s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
+        if isinstance(s, Cycles)
+        else s
+        for s in case.program
+    )
+    solver = case.solver.model_copy(update={"tolerance": max(LOOSE, case.solver.tolerance)})
+    return case.model_copy(update={"program": program, "solver": solver})
+
+
+def paced(case: Case, share: float, tolerance: float | None = None) -> Case:
+    """Return a case with about this share of its planned steps; a table keeps its rows.
 
     Args:
         case: The case.
-        share: Wanted number of steps over that of the case.
+        share: Wanted number of planned steps over that of the case.
+        tolerance: By which steps adapt in between; None for planned steps.
     """
 
     def fewer(steps: int) -> int:
-        return max(2, round(steps * share))
+        return max(FEWEST, round(steps * share))
 
     program = tuple(
         s.model_copy(update={"steps": fewer(s.steps)}) if isinstance(s, Ramp | Hold) else s
         for s in case.program
     )
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
-    time = case.time.model_copy(update={"steps_per_cycle": per_cycle})
+    time = case.time.model_copy(update={"steps_per_cycle": per_cycle, "tolerance": tolerance})
     return case.model_copy(update={"program": program, "time": time})
 
 

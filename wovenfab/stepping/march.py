@@ -12,6 +12,7 @@ from wovenfab.model.model import Model
 from wovenfab.solver.controls import Outcome
 from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import Equilibrium
+from wovenfab.stepping.embedded import Embedded, StepError, rate_error
 from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
 from wovenfab.stepping.forces import Forces
 from wovenfab.stepping.pace import Pace
@@ -40,6 +41,8 @@ class Step:
         milestone: The planned time that it reaches, or None on the way to it.
         negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
         loss: The loss of stability since the last step, beyond which it lies, or None.
+        error: Its estimated error in time, where that is measured.
+        dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
     """
 
     number: int
@@ -54,6 +57,8 @@ class Step:
     milestone: Milestone | None
     negatives: int = 0
     loss: Loss | None = None
+    error: StepError | None = None
+    dissipated_error: float = 0.0
 
 
 class March:
@@ -70,6 +75,7 @@ class March:
         treatment: Treatment = "stop",
         predict: bool = True,
         pace: Callable[[float], Pace] = Pace,
+        tolerance: float | None = None,
     ) -> None:
         """Start from the reference state.
 
@@ -83,6 +89,9 @@ class March:
             treatment: What is done where stability is lost.
             predict: Start a step from the extrapolated motion, not from the last state.
             pace: Returns how steps are cut and grown, from the smallest share.
+            tolerance: Error of a step in power and force, each over its largest size so far,
+                by which steps are shortened and grown; None for planned steps. It is
+                measured for the rates of BDF2, and so without effect where there are none.
         """
         self._model = model
         self._constraints = constraints
@@ -92,6 +101,11 @@ class March:
         self._smallest = smallest_step
         self._pace = pace(smallest_step)
         self._predicts = predict
+        self._embedded: Embedded | None = None
+        if tolerance and scheme.name == "bdf2" and model.history:
+            self._embedded = Embedded(model, constraints, equilibrium, tolerance)
+        self._error: StepError | None = None
+        self._dissipated_error = 0.0
         own = model.placements.owned
         self._stability = Stability(model, constraints, equilibrium, treatment)
         size = model.field.x.array.size
@@ -111,6 +125,11 @@ class March:
     def started(self) -> bool:
         """Whether a step has been accepted."""
         return self._number > 0
+
+    @property
+    def measures_errors(self) -> bool:
+        """Whether the error of steps in time is measured."""
+        return self._embedded is not None
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
@@ -138,6 +157,8 @@ class March:
         """Step from one planned time to the next, in shorter steps where needed."""
         jump = start.jump
         planned = end.time - start.time
+        if self._embedded is not None and (jump or not self._number):
+            self._pace.aim(self._embedded.first(jump) * planned)
         while self._time < end.time:
             until = self._pace.next(self._time, end.time)
             length = until - self._time
@@ -147,8 +168,14 @@ class March:
             outcome = self._settled(until, planned, outcome)
             refused = self._stability.refuses(outcome)
             if outcome.converged and not refused:
-                self._accept(until, jump)
-                self._pace.made(length, outcome.iterations)
+                error = self._measure(until, jump)
+                if self._is_too_long(error, length, planned):
+                    self._cutbacks += 1
+                    self._restore()
+                    continue
+                self._accept(until, jump, error)
+                if self._embedded is None:
+                    self._pace.made(length, outcome.iterations)
                 loss = self._stability.passed()
                 if loss is not None:
                     self._pace.found(length)
@@ -170,6 +197,22 @@ class March:
                 displacement = self._program.displacement(until)
                 raise StepFailedError(until, displacement, length, outcome, self._cutbacks, found)
             self._restore()
+
+    def _measure(self, until: float, jump: bool) -> StepError | None:
+        """Return the error of the step that was just solved, where enough is known."""
+        if self._embedded is None or jump or len(self._steps) < 2:
+            return None
+        step = until - self._time
+        wrong = rate_error(self._model.field.x.array, self._states, self._steps, step)
+        return self._embedded.measure(wrong, self._scheme.weights(step, self._steps[0]))
+
+    def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
+        """Set the length of the next step, and return whether it is this one made again."""
+        if self._embedded is None or error is None:
+            return False
+        best = length * self._embedded.growth(error)
+        self._pace.aim(best)
+        return self._embedded.refuses(error) and best >= self._smallest * planned
 
     def _check_rest(self, until: float, outcome: Outcome) -> None:
         """Refuse a penalty that makes the sheet at rest unstable, whatever was found."""
@@ -229,7 +272,7 @@ class March:
         self._model.field.x.array[:] = self._states[0]
         self._equilibrium.restore()
 
-    def _accept(self, until: float, jump: bool) -> None:
+    def _accept(self, until: float, jump: bool, error: StepError | None) -> None:
         """Take the converged stage state; account work and dissipation."""
         model, scheme = self._model, self._scheme
         step = until - self._time
@@ -255,8 +298,10 @@ class March:
         self._work += float(model.comm.allreduce(mean.load @ moved))
         for name, power in mean.power.items():
             self._dissipated[name] += step * power
-        self._before = now
         self._equilibrium.keep()
+        errors = [e.power if e else 0.0 for e in (self._error, error)]
+        self._dissipated_error += step * sum(errors) / 2
+        self._before, self._error = now, error
         self._states = [field.copy(), *self._states[:3]]
         self._steps = [step, *([] if jump else self._steps[:2])]
         self._time = until
@@ -295,4 +340,6 @@ class March:
             milestone=milestone,
             negatives=outcome.negatives if outcome else 0,
             loss=loss,
+            error=self._error,
+            dissipated_error=self._dissipated_error,
         )

@@ -56,6 +56,11 @@ class Pace:
         self._length, self._row = CUT * length, 0
         return self._length >= self._smallest * planned
 
+    def aim(self, length: float) -> None:
+        """Take steps of at most ``length`` (s) next, for their error; not while seeking."""
+        if self._sought == -inf:
+            self._length, self._row = length, 0
+
     def bisect(self, until: float, length: float) -> None:
         """Look for what lies between here and ``until`` (s), where a step of ``length`` led.
 

@@ -109,6 +109,7 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
         scheme,
         case.time.smallest_step,
         case.solver.stability,
+        tolerance=case.time.tolerance,
     )
     edge, (along_x, along_y) = driven_edge(case)
     farthest, values = -1.0, {}

@@ -71,7 +71,7 @@ def _march(rig: Rig, compiled: float) -> Cost:
     forces, iterations, lost = [], [], 0.0
     start = time.perf_counter()
     for step in rig.march.steps():
-        forces.append(rig.force(step)[0])
+        forces.append(rig.force(step.reactions)[0])
         iterations.append(step.iterations)
         lost = sum(step.dissipated.values())
     whole = time.perf_counter() - start

@@ -1,0 +1,96 @@
+"""The error of a step in time, and steps that adapt to it."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from tests import scenes
+from wovenfab.model.model import Numerics
+from wovenfab.stepping.embedded import rate_error
+from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.program import Program, cycle, program_of, ramp
+from wovenfab.stepping.scheme import SCHEMES, end_weights
+
+
+@pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.05, 0.2, 0.1)])
+def test_a_cubic_has_its_true_rate(steps: tuple[float, float, float]) -> None:
+    times = 0.7 - np.concatenate([[0.0], np.cumsum(steps)])
+    now, *states = (np.array([2 * t**3 - t**2 + 3 * t]) for t in times)
+    weights = end_weights(steps[0], steps[1])
+    rate = sum(w * s for w, s in zip(weights, (now, *states), strict=False))
+    true = 6 * 0.7**2 - 2 * 0.7 + 3
+    assert abs(rate - true) > 1e-3
+    assert rate + rate_error(now, states, steps[1:], steps[0]) == pytest.approx(true)
+
+
+def marched(program: Program, tolerance: float | None) -> list[Step]:
+    names = (*scenes.COUPLED, "slip_friction")
+    model = scenes.model(scenes.sheet(0.6), names, scenes.PROTOTYPE_TWO_STEPS)
+    constraints, equilibrium = scenes.solver(model)
+    march = March(
+        model,
+        constraints,
+        equilibrium,
+        program,
+        SCHEMES["bdf2"],
+        1e-4,
+        tolerance=tolerance,
+    )
+    steps = list(march.steps())
+    equilibrium.destroy()
+    return steps
+
+
+def lost(steps: list[Step]) -> float:
+    return steps[-1].dissipated["slip_friction"]
+
+
+def test_smaller_tolerances_make_smaller_errors_and_hit_reversals() -> None:
+    program = program_of(cycle(0.0, 0.02, 0.25, 8))
+    best = lost(marched(program_of(cycle(0.0, 0.02, 0.25, 320)), None))
+    errors, counts = [], []
+    for tolerance in (0.03, 0.003):
+        steps = marched(program, tolerance)
+        planned = [s.time for s in steps if s.milestone is not None]
+        assert planned == [m.time for m in program.milestones]
+        assert max(s.displacement for s in steps) == 0.02
+        true, told = lost(steps) - best, steps[-1].dissipated_error
+        print(f"{tolerance}: {len(steps)} steps, error {true:.3g} J, embedded {told:.3g} J")
+        assert 0.5 < told / true < 3
+        errors.append(true / best)
+        counts.append(len(steps))
+    assert counts[1] > 2 * counts[0]
+    assert abs(errors[1]) < abs(errors[0]) / 4
+    assert abs(errors[0]) < 0.05
+
+
+def test_steps_shrink_where_friction_lets_go_and_grow_where_nothing_happens() -> None:
+    """After a ramp the sheet creeps for about half a second, and then rests."""
+    program = program_of([ramp(0.0, 0.02, 0.1, 1), ramp(0.02, 0.02, 10.0, 2)])
+    steps = marched(program, 0.01)
+    lengths = [b.time - a.time for a, b in pairwise(steps)]
+    times = [s.time for s in steps[1:]]
+    early = [h for h, t in zip(lengths, times, strict=True) if 0.1 < t < 0.4]
+    late = [h for h, t in zip(lengths, times, strict=True) if t > 5.2]
+    print(f"{len(steps)} steps, {min(early):.3g} s to {max(late):.3g} s")
+    assert max(late) > 20 * min(early)
+    number = (len(steps) - 1) // 2
+    pull, rest = (0.0, 0.02, 0.1), (0.02, 0.02, 10.0)
+    equal = program_of([ramp(*pull, number), ramp(*rest, number)])
+    fine = program_of([ramp(*pull, 40), ramp(0.02, 0.02, 2.0, 400), ramp(0.02, 0.02, 8.0, 2)])
+    of_equal, best = lost(marched(equal, None)), lost(marched(fine, None))
+    print(f"{lost(steps):.4f} J, with as many equal steps {of_equal:.4f} J, best {best:.4f} J")
+    assert abs(lost(steps) - best) < abs(of_equal - best) / 3
+
+
+def test_without_rates_steps_are_as_planned() -> None:
+    model = scenes.model(scenes.sheet(0.6), scenes.BONDED, Numerics(2, quadrature=4, penalty=10.0))
+    constraints, equilibrium = scenes.solver(model)
+    program = program_of([ramp(0.0, 0.01, 1.0, 3)])
+    march = March(model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6)
+    assert not march.measures_errors
+    assert [s.time for s in march.steps()] == [m.time for m in program.milestones]
+    equilibrium.destroy()
