@@ -74,7 +74,7 @@ def rig_of(case: Case, sheet: Sheet, stability: Treatment | None = None) -> Iter
         case.time.smallest_step,
         stability or case.solver.stability,
         case.solver.predictor == "quadratic",
-        case.time.tolerance,
+        tolerance=case.time.tolerance,
     )
     try:
         yield Rig(model, constraints, program, march, driven_edge(case))

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from math import sqrt
 
 import numpy as np
-from dolfinx import fem
-from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.model.constraints import Constraints
@@ -122,10 +120,7 @@ class Embedded:
         return min(MOST, max(LEAST, best))
 
     def _dissipated(self) -> float:
-        if self._model.power is None:
-            return 0.0
-        mine = fem.assemble_scalar(self._model.power)
-        return float(self._model.comm.allreduce(mine, op=MPI.SUM))
+        return sum(self._model.dissipated_power().values())
 
 
 def _largest(forces: Mapping[str, tuple[float, float]]) -> float:

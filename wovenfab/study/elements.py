@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from math import cbrt, ceil
 from time import perf_counter
@@ -22,8 +23,6 @@ from wovenfab.study.steps import Tell
 Mesher = Callable[[Case], Sheet]
 #: Cells across the sheet's shorter side, first and last; how many more are tried at most.
 COARSEST, FINEST, FURTHER = 2, 32, 1.5
-#: An error for which the coarsest cells may do.
-ROUGH = 0.02
 #: Degree of the elements, and a higher one that is tried for an accuracy below; one lower and
 #: one higher tell the errors of each.
 DEGREE, HIGHER, FINE = 3, 4, 0.005
@@ -132,7 +131,8 @@ def elements_for(
         whole: The sheet with any mesh.
     """
     search = _Search(wanted, limits, tell)
-    cells = COARSEST if wanted > ROUGH else COARSEST + 1
+    cells = COARSEST
+    skipped: tuple[Case, Sheet] | None = None
     while cells <= FINEST:
         trial, sheet = meshed(discretised(case, mesh_size=side(whole) / cells), mesher, whole)
         unknowns, begun = _unknowns(trial, sheet, DEGREE), perf_counter()
@@ -140,8 +140,9 @@ def elements_for(
             break
         try:
             error = _try(search, trial, sheet)
+            skipped = (trial, sheet) if error is None else None
         except (StepFailedError, StabilityLostError) as failure:
-            error = None
+            error, skipped = None, None
             search.reason = f"no trial got to its end: {failure}" if not search.best else ""
         if error is not None and error <= wanted:
             assert search.best is not None
@@ -150,14 +151,20 @@ def elements_for(
             break
         search.took(unknowns, _slowest(sheet, perf_counter() - begun))
         cells = _finer(cells, error, wanted)
+    if skipped is not None:  # nothing finer is possible
+        with suppress(StepFailedError, StabilityLostError):
+            _try(search, *skipped, skips=False)
     reason = search.reason or "finer cells were not tried"
     if search.best is None:
         return Found(discretised(case, degree=DEGREE), mesher(case), None, reason)
     return replace(search.best, shortfall=reason)
 
 
-def _try(search: _Search, trial: Case, sheet: Sheet) -> float | None:
-    """Return the error with a mesh by the best degree; None where it is too large to tell."""
+def _try(search: _Search, trial: Case, sheet: Sheet, skips: bool = True) -> float | None:
+    """Return the error with a mesh by the best degree.
+
+    None, if ``skips``, where it must be too large, so that the highest degree is not tried.
+    """
     traces: dict[int, Trace] = {}
     error = None
     sized = is_sized(trial)
@@ -169,7 +176,7 @@ def _try(search: _Search, trial: Case, sheet: Sheet) -> float | None:
             if p in traces:
                 continue
             changes = _changes(traces, degree)
-            if sized and p > degree and LEFT * worst(changes) > search.wanted:
+            if sized and skips and p > degree and LEFT * worst(changes) > search.wanted:
                 search.tell("far too coarse")
                 return None
             search.tell(f"elements: degree {p}, {_unknowns(trial, sheet, p)} unknowns")
@@ -177,7 +184,7 @@ def _try(search: _Search, trial: Case, sheet: Sheet) -> float | None:
             if traces[p].cutbacks and search.share < 1:  # degrees are compared with equal steps
                 search.share *= 2
                 search.tell("once more with twice the steps, for some had to be cut")
-                return _try(search, trial, sheet)
+                return _try(search, trial, sheet, skips)
         ladder = Ladder(degrees, tuple(traces[p] for p in degrees))
         found = Found(discretised(trial, degree=degree), sheet, Estimate(ladder, degree))
         error = search.add(found)
