@@ -22,8 +22,9 @@ from forms.places import point_of, point_variation
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model
 
-#: Value of f_1 × f_2 below which round-off alone can have put the families on the barrier.
-ON_BARRIER = 1e-14
+#: Value of f_1 × f_2 that counts as on the barrier. Round-off of positions of 1 m on cells of
+#: 0.1 mm is some 1e-11 of it, and Newton would need dozens of steps to come back from there.
+ON_BARRIER = 1e-9
 #: Share of the way to the crossing that a step may take.
 SHARE = 0.9
 
