@@ -134,7 +134,7 @@ class Time(Section):
     scheme: Literal["bdf2", "backward-euler", "midpoint"] = "bdf2"
     """How rates are formed."""
 
-    tolerance: Annotated[float | None, Quantity(above=0, most=1)] = None
+    tolerance: Annotated[float, Quantity(above=0, most=1)] | None = None
     """Steps adapt between the planned ones: error of one in friction's power and in force."""
 
     smallest_step: Annotated[float, Quantity(above=0, most=1)] = 1 / 1024
