@@ -28,7 +28,8 @@ ORIGIN = Provenance("wovenfab run 'a b.yaml' --set x=\"1 <m>\"", "0123456789ab")
 def test_a_picture_of_the_documents_says_how_it_was_made(path: Path) -> None:
     origin = read_stamp(path)
     assert faults(origin) == [], "make pictures"
-    shown = [t for t in map(Path.read_text, DOCUMENTS) if re.search(rf"\]\([^)]*{path.name}\)", t)]
+    link = re.compile(rf"""(\]\(|src=")[^)"]*\b{re.escape(path.name)}[)"]""")
+    shown = [text for text in map(Path.read_text, DOCUMENTS) if link.search(text)]
     assert shown, "no document shows it"
     for text in shown:
         assert all(command in text for command in origin.command.split("; ")), origin.command

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from wovenfab.paper.account import Account
@@ -116,6 +116,12 @@ def _numerics(account: Account) -> str:
     unknowns = [run["unknowns"] for run in runs]
     return (
         f"those of the figures with elements of degree {runs[0]['degree']} and "
-        f"{1e3 * runs[0]['mesh_size_m']:g} mm, {min(unknowns)} to {max(unknowns)} unknowns, "
-        f"{min(run['steps'] for run in runs)} to {max(run['steps'] for run in runs)} steps"
+        f"{1e3 * runs[0]['mesh_size_m']:g} mm, {_span(unknowns)} unknowns, "
+        f"{_span([run['steps'] for run in runs])} steps"
     )
+
+
+def _span(values: Sequence[int]) -> str:
+    """Return the least and the largest of some numbers, or the one that all are."""
+    least, most = min(values), max(values)
+    return f"{least}" if least == most else f"{least} to {most}"
