@@ -14,7 +14,7 @@ from wovenfab.study.steps import Tell, steps_for
 ROOM = 0.6
 #: Share of the accuracy that is aimed at, for estimates are not exact; share of that which
 #: elements may use where steps have an error, too.
-AIM, OF_ELEMENTS = 0.85, 0.6
+AIM, OF_ELEMENTS = 0.7, 0.6
 
 
 def pilot(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) -> Found:
