@@ -13,7 +13,7 @@ SIZES = (65.0, 32.0, 16.0, 10.0, 6.3)
 #: The one of 200k unknowns, for which ranks are compared.
 COMPARED = 10.0
 STEPS = ("program={type: ramp, to: 0.5 mm, steps: 2, duration: 4 ms}", "solver.stability=ignore")
-PICTURE = Path(__file__).parents[2] / "docs" / "pictures" / "growth.png"
+PICTURE = Path("results") / "growth.png"
 
 
 def growth() -> list[Figure]:
@@ -31,6 +31,7 @@ def growth() -> list[Figure]:
     seconds = Law.fitted(unknowns, [s.seconds / s.iterations for s in samples])
     memory = Law.fitted(unknowns, [s.memory for s in samples])
     _draw(samples, seconds, memory)
+    print(f"picture: {PICTURE}")
     one, two = _run(COMPARED), _run(COMPARED, ranks=2)
     meaning = f"fit over {unknowns[0]} to {unknowns[-1]} unknowns, degree 3, MUMPS, 1 rank"
     return [
@@ -68,5 +69,6 @@ def _draw(samples: list[Sample], seconds: Law, memory: Law) -> None:
         axis.loglog(x, [scale * law(n) for n in x], color="C1", label=f"N^{law.power:.2f}")
         axis.set(xlabel="unknowns", ylabel=name)
         axis.legend(frameon=False)
+    PICTURE.parent.mkdir(exist_ok=True)
     figure.savefig(PICTURE, dpi=150)
     plt.close(figure)
