@@ -18,7 +18,7 @@ from PIL import Image
 from wovenfab.record.cycles import window
 from wovenfab.record.provenance import Provenance
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.looks import Scale, painted_fields, scale_of
+from wovenfab.report.looks import Scale, colour_bar, painted_fields, scale_of
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.source import Source
 from wovenfab.report.stamp import comment
@@ -117,15 +117,7 @@ def _draw_sheet(
 ) -> None:
     if values is not None and scale is not None:
         painted = paint(axes, sheet, scale(values), scale.ramp, scale.norm)
-        figure.colorbar(
-            painted,
-            ax=axes,
-            label=scale.label,
-            extend=scale.extend,
-            shrink=0.5,
-            aspect=40,
-            location="bottom",
-        )
+        colour_bar(figure, axes, painted, scale)
     draw_outline(axes, sheet)
     draw_yarns(axes, sheet)
 

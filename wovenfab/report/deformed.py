@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.extremes import largest
-from wovenfab.report.looks import Scale, painted_fields, scale_of
+from wovenfab.report.looks import Scale, colour_bar, painted_fields, scale_of
 from wovenfab.report.sheet import Sheet, Values, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.source import Source
 from wovenfab.report.style import MILLIMETRE, WIDTH
@@ -48,14 +48,8 @@ def drawn(
     figure = Figure(figsize=sheet_size(*extent))
     axes = figure.add_subplot(aspect="equal")
     if values is not None and scale is not None:
-        figure.colorbar(
-            paint(axes, sheet, values, scale.ramp, scale.norm),
-            label=scale.label,
-            extend=scale.extend,
-            shrink=0.6,
-            aspect=36,
-            location="bottom",
-        )
+        painted = paint(axes, sheet, values, scale.ramp, scale.norm)
+        colour_bar(figure, axes, painted, scale, shrink=0.6, aspect=36)
     draw_outline(axes, sheet)
     draw_yarns(axes, sheet)
     _label(axes, title, subtitle)

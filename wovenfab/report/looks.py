@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from matplotlib.collections import TriMesh
 from matplotlib.colors import Colormap, Normalize
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wovenfab.record.stored_fields import StoredFields
@@ -90,6 +93,35 @@ def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
         ramp=both_ways() if signed else fill(),
         norm=Normalize(first * shown.factor, size * shown.factor),
         extend={(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(beyond, "neither"),
+    )
+
+
+def colour_bar(
+    figure: Figure,
+    axes: Any,
+    painted: TriMesh,
+    scale: Scale,
+    shrink: float = 0.5,
+    aspect: float = 40,
+) -> None:
+    """Draw the key of a painted field below what it belongs to.
+
+    Args:
+        figure: The figure.
+        axes: One, or an array of them.
+        painted: What was painted on that scale.
+        scale: The scale.
+        shrink: Its length over that of the axes.
+        aspect: Its length over its height.
+    """
+    figure.colorbar(
+        painted,
+        ax=axes,
+        label=scale.label,
+        extend=scale.extend,
+        shrink=shrink,
+        aspect=aspect,
+        location="bottom",
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.report.looks import scale_of
+from wovenfab.report.looks import colour_bar, scale_of
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint
 from wovenfab.report.style import WIDTH
 
@@ -53,15 +53,7 @@ def panels(name: str, unit: str, rows: Sequence[Sequence[Panel]]) -> Figure:
             draw_outline(axes, panel.sheet, 0.5)
             draw_yarns(axes, panel.sheet, FEW, 0.35)
             axes.set_title(panel.words, fontsize=8, fontweight="normal", pad=3)
-    figure.colorbar(
-        painted,
-        ax=grid,
-        label=scale.label,
-        extend=scale.extend,
-        shrink=0.5,
-        aspect=40,
-        location="bottom",
-    )
+    colour_bar(figure, grid, painted, scale)
     return figure
 
 

@@ -25,17 +25,10 @@ from forms.places import displacements
 from wovenfab.case import Case, read_case
 from wovenfab.model.compiler import cache_folder, compile_form
 from wovenfab.model.model import Model
-from wovenfab.simulation.assemble import (
-    constraints_of,
-    driven_edge,
-    equilibrium_of,
-    model_of,
-    program_of_case,
-    scheme_of,
-    sheet_of,
-)
+from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.rig import Rig, rig_of
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import Step
 from wovenfab.stepping.stability import StabilityLostError
 
 QUANTITIES = PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_N", "dissipated_J", "rms_beta_m"
@@ -91,37 +84,25 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
     """
     before = _kernels()
     start = time.perf_counter()
-    sheet = sheet_of(case, MPI.COMM_WORLD)
-    model = model_of(case, sheet)
-    constraints = constraints_of(case, model)
-    equilibrium = equilibrium_of(case, model, constraints)
-    slip = RmsBeta(model)
-    setup = time.perf_counter() - start
-    if stop_if_compiled and _kernels() != before:
-        equilibrium.destroy()
-        return Measured(compile=setup)
-    program, scheme = program_of_case(case), scheme_of(case)
-    march = March(
-        model,
-        constraints,
-        equilibrium,
-        program,
-        scheme,
-        case.time.smallest_step,
-        case.solver.stability,
-        tolerance=case.time.tolerance,
-    )
-    edge, (along_x, along_y) = driven_edge(case)
+    with rig_of(case, sheet_of(case, MPI.COMM_WORLD)) as rig:
+        slip = RmsBeta(rig.model)
+        setup = time.perf_counter() - start
+        if stop_if_compiled and _kernels() != before:
+            return Measured(compile=setup)
+        return _march(rig, slip, setup)
+
+
+def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
+    """Go through the program and return what it gave and cost, with the time before it (s)."""
     farthest, values = -1.0, {}
     steps: list[Step] = []
     forces: list[float] = []
     failure, paused = "", 0.0
     start = time.perf_counter()
     try:
-        for step in march.steps():
+        for step in rig.march.steps():
             steps.append(step)
-            fx, fy = step.reactions[edge]
-            forces.append(along_x * fx + along_y * fy)
+            forces.append(rig.force(step.reactions)[0])
             if slip.is_defined and abs(step.displacement) > farthest:
                 moment = time.perf_counter()
                 farthest, values[RMS_BETA] = abs(step.displacement), slip()
@@ -129,17 +110,17 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
     except (StepFailedError, StabilityLostError) as error:
         failure = str(error)
     stepping = time.perf_counter() - start - paused
-    equilibrium.destroy()
     if len(steps) > 1:
         kinks = [s.milestone is not None and s.milestone.jump for s in steps]
         values[PEAK_FORCE] = peak_of([s.time for s in steps], forces, kinks)
     if steps and steps[-1].dissipated:
-        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / max(len(program.cycles), 1)
+        cycles = max(len(rig.program.cycles), 1)
+        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
     return Measured(
         values={
             name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
         },
-        unknowns=model.unknowns,
+        unknowns=rig.model.unknowns,
         steps=len(steps) - 1,
         iterations=sum(s.iterations for s in steps),
         setup=setup,

@@ -21,6 +21,12 @@ FEW, WHOLE = Bound("worst", most=10), Bound("cutbacks", most=0)
 CLOSE = Bound("difference from the limit", most=1e-3)
 QUICK = ("discretisation.mesh_size=100 mm",)
 COARSE = ("discretisation.mesh_size=150 mm", "program.steps=2")
+#: Elements that bend without stretching.
+ACCURATE = (
+    "discretisation.mesh=fibres",
+    "discretisation.degree=4",
+    "discretisation.mesh_size=50 mm",
+)
 UNGRADED = (*QUICK, "discretisation.corner_size=100 mm")
 
 
@@ -102,9 +108,7 @@ FAMILY = Family(
             remedy="mesh along the fibres, P4",
             setting=BONDED.but(
                 "effects.stretch.stiffness=4e11 N/m",
-                "discretisation.mesh=fibres",
-                "discretisation.degree=4",
-                "discretisation.mesh_size=50 mm",
+                *ACCURATE,
             ),
             measure=against(finer),
             bounds=(FEW, WHOLE, Bound("difference from the limit", most=0.02)),
@@ -128,9 +132,7 @@ FAMILY = Family(
             remedy="symmetric factorisation, exact tangent",
             setting=BONDED.but(
                 "effects.bending.stiffness=1e4 N*m",
-                "discretisation.mesh=fibres",
-                "discretisation.degree=4",
-                "discretisation.mesh_size=50 mm",
+                *ACCURATE,
             ),
             measure=against(finer),
             bounds=(FEW, WHOLE, Bound("difference from the limit", most=0.02)),
