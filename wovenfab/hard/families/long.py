@@ -75,7 +75,7 @@ FAMILY = Family(
     title="Long runs",
     text=(
         "Slow cycles (0.25 Hz), so that the slip of one has relaxed in the next: its relaxation "
-        "time is 0.23 s, and at 5 Hz the run-in takes some twenty cycles to 1e-6. The change is "
+        "time is eta zeta/K_c = 0.23 s. The change is "
         "that of the force between cycle 2 and the last, over the largest force; the imbalance is "
         "that of each cycle over the energy it dissipates, and its drift the change of that since "
         "cycle 2: BDF2 loses the same share in each."
