@@ -152,7 +152,7 @@ def test_a_case_cannot_be_changed_and_can_be_sent(example: str, write_case: Writ
 def test_what_is_written_names_every_default(example: str, write_case: WriteCase) -> None:
     text = example[: example.index("discretisation:")]
     written = YAML(typ="safe").load(dump_case(read_case(write_case(text))))
-    newton = {"max_iterations", "tolerance", "tangent", "predictor", "petsc"}
+    newton = {"max_iterations", "tolerance", "tangent", "predictor", "factor", "petsc"}
     assert set(written["solver"]) == newton | {"stability", "seed"}
     assert written["solver"]["stability"] == "stop"
     assert set(written["time"]) == {"steps_per_cycle", "scheme", "smallest_step"}

@@ -70,11 +70,12 @@ def compare(
     program: Program,
     scheme: str,
     values: Mapping[str, Any] = scenes.TABLE_1,
+    controls: Controls | None = None,
 ) -> None:
     """Assert that all ranks together and each alone march through the same states."""
     models = [scenes.model(place(comm), names, numerics, values) for comm in (COMM, ALONE)]
     assert models[0].unknowns == models[1].unknowns
-    together, alone = (scenes.march(model, program, scheme) for model in models)
+    together, alone = (scenes.march(m, program, scheme, controls=controls) for m in models)
     assert [s.iterations for s in together] == [s.iterations for s in alone]
     assert [s.time for s in together] == [s.time for s in alone]
     peak = max(abs(f) for s in alone for f in s.reactions["right"])
@@ -94,6 +95,13 @@ def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(
 ) -> None:
     program = program_of([ramp(0.0, 0.04, 1.0, 4)])
     compare(place, scenes.BONDED, scenes.PROTOTYPE, program, "backward-euler")
+
+
+def test_factors_that_are_kept_lead_to_the_same_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
+    program = program_of(cycle(0.0, 0.04, 0.25, 20))
+    keep, history = Controls(keep_from=0.0), scenes.PROTOTYPE_TWO_STEPS
+    compare(structured, SLIDING, history, program, "bdf2", controls=keep)
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, SLIDING], ids=["one", "two placements"])

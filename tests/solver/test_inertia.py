@@ -77,7 +77,7 @@ def critical() -> float:
         middle = (low + high) / 2
         straight(model, middle)
         equilibrium.inertia._refactor()
-        low, high = (low, middle) if equilibrium.inertia._negatives() else (middle, high)
+        low, high = (low, middle) if equilibrium.inertia._factor.negatives else (middle, high)
     equilibrium.destroy()
     return low
 
@@ -138,8 +138,8 @@ def test_a_null_pivot_is_not_negative() -> None:
     diagonal.array_w[5] = -1.0
     matrix.setDiagonal(diagonal)
     matrix.assemble()
-    inertia._factor()
-    assert inertia._negatives() == 1
+    inertia._factor.renew()
+    assert inertia._factor.negatives == 1
     diagonal.destroy()
     equilibrium.destroy()
 
@@ -153,8 +153,8 @@ def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
     x, force, step = (equilibrium._solution.duplicate() for _ in range(3))
     x.array_w[:] = model.field.x.array
     equilibrium._evaluate_residual(None, x, force)
-    equilibrium.inertia._factor()
-    equilibrium.inertia._ksp.solve(force, step)
+    equilibrium.inertia._factor.renew()
+    equilibrium.inertia._factor.solve(force, step)
     assert force.dot(step) < 0  # x - step has a higher potential
     equilibrium.inertia.descend(force, step)
     assert force.dot(step) > 0

@@ -168,6 +168,9 @@ class Solver(Section):
     predictor: Literal["quadratic", "none"] = "quadratic"
     """Whether a step starts from the motion extrapolated, or from the last state."""
 
+    factor: Literal["kept", "renewed"] = "kept"
+    """Whether an earlier tangent's factor serves where that is quicker, or each gets its own."""
+
     stability: Literal["stop", "follow", "ignore"] = "stop"
     """Where the sheet buckles: stop, follow the branch of minima, or stay on the saddle."""
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from mpi4py import MPI
@@ -16,13 +15,13 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.simulation.assemble import (
     constraints_of,
+    controls_of,
     driven_edge,
     model_of,
     program_of_case,
     scheme_of,
     sheet_of,
 )
-from wovenfab.solver.controls import Controls
 from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
@@ -138,15 +137,8 @@ def mount(
     case = setting.case
     model = model_of(case, sheet_of(case, comm or MPI.COMM_WORLD))
     constraints = constraints_of(case, model)
-    s = case.solver
-    controls: dict[str, Any] = {
-        "descend": s.stability == "follow",
-        "seed": s.seed,
-        **setting.controls,
-    }
-    equilibrium = solver(
-        model, constraints, Controls(s.max_iterations, s.tolerance, s.petsc, **controls)
-    )
+    controls = replace(controls_of(case), **setting.controls)
+    equilibrium = solver(model, constraints, controls)
     return Ride(case, model, constraints, equilibrium, pace=pace)
 
 

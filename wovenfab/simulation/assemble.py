@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
-from math import pi
+from math import inf, pi
 from pathlib import Path
 from typing import Any
 
@@ -167,11 +168,16 @@ def _families(edge: EdgeCondition) -> tuple[int, ...]:
 
 def equilibrium_of(case: Case, model: Model, constraints: Constraints) -> Equilibrium:
     """Return the solver of a case."""
+    return Equilibrium(model, constraints, controls_of(case))
+
+
+def controls_of(case: Case) -> Controls:
+    """Return how a case has equilibrium sought."""
     s = case.solver
     controls = Controls(
         s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
     )
-    return Equilibrium(model, constraints, controls)
+    return controls if s.factor == "kept" else replace(controls, keep_from=inf)
 
 
 def scheme_of(case: Case) -> Scheme:

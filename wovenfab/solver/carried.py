@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.model import Model
+from wovenfab.solver.factor import Factor
 from wovenfab.solver.interior import Aim, Interior, Move
 from wovenfab.solver.points import Points
 
@@ -122,11 +123,11 @@ class CarriedStress:
             for form in self._push:
                 fem_petsc.assemble_vector(b, form)
 
-    def correct(self, ksp: Any, y: Any) -> float:
+    def correct(self, factor: Factor, y: Any) -> float:
         """Complete Newton's step; collective.
 
         Args:
-            ksp: Solver with the factor of the tangent.
+            factor: That of the tangent.
             y: Newton's step, to be subtracted, for stresses as they are; overwritten.
 
         Returns:
@@ -135,13 +136,13 @@ class CarriedStress:
         if not self._started:
             return 1.0
         interior, plain = self._interior, y.copy()
-        move = self._solve(ksp, plain, interior.aim(self._creep, 0.0))
+        move = self._solve(factor, plain, interior.aim(self._creep, 0.0))
         now = self._sum(interior.gap())
         then = self._sum(interior.gap(move, min(1.0, self._farthest(move))))
         level = (then / now) ** CENTRING * now / (2 * self._area)
         aim, farthest, reach = interior.aim(self._creep, level, move), 0.0, -1.0
         for _ in range(1 + CORRECTIONS):
-            tried = self._solve(ksp, plain, aim)
+            tried = self._solve(factor, plain, aim)
             farther = self._farthest(tried)
             if min(1.0, farther) < reach + LEAST_GAIN:
                 break
@@ -203,13 +204,13 @@ class CarriedStress:
         """Return the step length at which the first point reaches a bound; collective."""
         return float(self._comm.allreduce(self._interior.farthest(move), op=MPI.MIN))
 
-    def _solve(self, ksp: Any, plain: Any, aim: Aim) -> Move:
+    def _solve(self, factor: Factor, plain: Any, aim: Aim) -> Move:
         """Solve for the displacements that an aim leads to; return how the stresses follow.
 
         The displacements are left in ``_answer``, to be subtracted.
 
         Args:
-            ksp: Solver with the factor of the tangent.
+            factor: That of the tangent.
             plain: Newton's step for stresses as they are.
             aim: What the stresses aim at.
         """
@@ -220,7 +221,7 @@ class CarriedStress:
         self.add_force(self._force)
         self._force.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(self._force, self._bcs, alpha=0.0)
-        ksp.solve(self._force, self._answer)
+        factor.solve(self._force, self._answer)
         self._answer.axpy(1.0, plain)
         self._step.x.array[: plain.getLocalSize()] = -self._answer.array_r
         self._step.x.scatter_forward()

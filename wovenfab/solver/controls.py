@@ -17,6 +17,8 @@ class Controls:
         options: PETSc options, such as ``{"snes_monitor": None}``.
         step_limit: Keep iterates admissible; only a test switches it off.
         line_search: Backtrack on the potential; only a test switches it off.
+        keep_from: Solutions that a factorisation must be worth before the factor of an earlier
+            tangent is used; infinite for never.
         descend: Step downwards where the tangent is indefinite.
         seed: Of the random field that decides between the branches at a bifurcation.
     """
@@ -26,6 +28,7 @@ class Controls:
     options: Mapping[str, Any] | None = None
     step_limit: bool = True
     line_search: bool = True
+    keep_from: float = 10.0
     descend: bool = False
     seed: int = 0
 

@@ -132,7 +132,7 @@ def _named(
 ) -> tuple[str, str]:
     """Return cause and remedy of a failure that leaves numbers and a regular tangent."""
     if outcome.reason == "DIVERGED_LINEAR_SOLVE":
-        status = equilibrium.factor_status()
+        status = equilibrium.factor.status
         return (
             f"the factorisation failed{f' (status {status} of MUMPS)' if status else ''} though "
             "the stiffness is regular, as for want of memory",

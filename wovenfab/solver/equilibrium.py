@@ -30,8 +30,8 @@ from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
 from wovenfab.solver.carried import CarriedStress
 from wovenfab.solver.controls import Controls, Outcome
+from wovenfab.solver.factor import Factor, create_direct
 from wovenfab.solver.inertia import Inertia, start_vector
-from wovenfab.solver.pivots import factor_status
 from wovenfab.solver.snes import Options, create_snes, reason_of
 
 Reason = PETSc.SNES.ConvergedReason
@@ -53,6 +53,7 @@ class Equilibrium:
     Attributes:
         force: Internal force at this rank's unknowns at the last evaluation
             (residual before boundary conditions), N.
+        factor: Solves Newton's linear systems.
         inertia: Judges the tangent.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
     """
@@ -67,11 +68,11 @@ class Equilibrium:
         self._solution = self._residual.duplicate()
         self._diagonal = self._residual.duplicate()
         self._options = Options(controls)
-        self._snes = self._create_snes()
-        cholesky = self._snes.getKSP().getPC().getType() == "cholesky"
+        direct = create_direct(model.comm)
+        cholesky = direct.getPC().getType() == "cholesky"
         self._matrix = create_matrix(model.jacobian, upper=cholesky)
-        self._snes.setJacobian(self._evaluate_jacobian, self._matrix)
-        self._snes.getKSP().setOperators(self._matrix)
+        self.factor = Factor(direct, self._matrix, controls.keep_from)
+        self._snes = self._create_snes()
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
         self._assembled = self.force.copy()  # where the tangent was formed
         self.saddle_at_start = False
@@ -98,15 +99,16 @@ class Equilibrium:
         self._sharp: tuple[Model, CarriedStress] | None = None
         self._can_carry = any(t.effect.bound for t in model.balance.terms)
         self.inertia = Inertia(
-            self._snes.getKSP(),
+            self.factor,
             self._matrix,
             self._assemble_tangent,
             start_vector(model.placements, constraints.bcs, controls.seed),
         )
 
     def _create_snes(self) -> Any:
-        snes = create_snes(self._model.comm, self._controls)
+        snes = create_snes(self._model.comm, self._controls, self.factor)
         snes.setFunction(self._evaluate_residual, self._residual)
+        snes.setJacobian(self._evaluate_jacobian, self._matrix)
         snes.setObjective(self._evaluate_objective)
         snes.setLineSearchPreCheck(self._limit_step)
         snes.setConvergenceTest(self._test)
@@ -160,8 +162,10 @@ class Equilibrium:
         self._stuck, self._norm = 0, np.nan
         self._attained = not self._constraints.unmet(field)
         self.inertia.restart()
-        if self.factor_status() < 0:  # PETSc's MUMPS takes no other matrix after a failure
-            self._snes.getKSP().getPC().reset()
+        # Beyond a loss of stability they are not; stress that is carried changes them much.
+        self.factor.definite = not (self._controls.descend or self._carried)
+        if self.factor.status < 0:
+            self.factor.forget()
         if self._carried:
             self._carried.begin(self._size_of_tangent)
         self._snes.solve(None, self._solution)
@@ -223,10 +227,6 @@ class Equilibrium:
         self._assemble_tangent()
         return self._matrix
 
-    def factor_status(self) -> int:
-        """Return how MUMPS ended the last factorisation, negative where it failed."""
-        return factor_status(self._snes.getKSP())
-
     def watch(self, tell: Callable[[], None]) -> None:
         """Call ``tell`` on every rank at each iterate, with the model's field set to it."""
 
@@ -240,6 +240,7 @@ class Equilibrium:
         """Free the PETSc objects; collective."""
         self._options.clear()
         self.inertia.destroy()
+        self.factor.destroy()
         for stresses in (self._always, self._sharp[1] if self._sharp else None):
             if stresses:
                 stresses.destroy()
@@ -311,7 +312,7 @@ class Equilibrium:
         if self._attained and self._controls.descend:
             self.inertia.descend(self._snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
-        inside = self._carried.correct(self._snes.getKSP(), y) if self._carried else 1.0
+        inside = self._carried.correct(self.factor, y) if self._carried else 1.0
         barrier.step.x.array[: y.getLocalSize()] = -y.array_r
         barrier.step.x.scatter_forward()
         limit = SHARE * barrier.limit() if self._controls.step_limit else 1.0

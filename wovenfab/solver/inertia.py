@@ -15,16 +15,14 @@ import numpy as np
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
-from petsc4py import PETSc
 
 from wovenfab.model.placements import Placements
+from wovenfab.solver.factor import Factor, create_direct
 
-#: Of MUMPS: status, and number of negative pivots, over all ranks.
-STATUS, NEGATIVE = 1, 12
-#: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
-COUNT_NULL = 24
 #: Sweeps of inverse iteration: a step, the first step, and most for a mode (to ``SAME``).
 SWEEPS, FIRST_SWEEPS, MOST_SWEEPS, SAME = 1, 6, 400, 1e-7
+#: Error that a sweep may have where the factor is an older one.
+ROUGH = 0.1
 #: Share of the start that is added at each step, lest another mode become the softest unseen.
 MIXED = 0.1
 #: Share of the way between solutions that Newton's last matrix need not have seen.
@@ -38,18 +36,22 @@ GROWTH, TRIALS = 4.0, 60
 class Inertia:
     """Judges tangents by their factor."""
 
-    def __init__(self, ksp: Any, matrix: Any, assemble: Callable[[], None], start: Any) -> None:
+    def __init__(
+        self, factor: Factor, matrix: Any, assemble: Callable[[], None], start: Any
+    ) -> None:
         """Use the factor of Newton's steps if it is one that counts, else another one.
 
         Args:
-            ksp: The linear solver of Newton's steps.
+            factor: Solves Newton's systems.
             matrix: Its matrix.
             assemble: Puts the tangent of the present state in the matrix.
             start: Vector that starts the search of the softest mode, zero where prescribed.
         """
         self._matrix, self._assemble = matrix, assemble
-        self._own = None if _counts(ksp) else _counting(matrix)
-        self._ksp = self._own or ksp
+        self._own = None
+        if not factor.counts:
+            self._own = Factor(create_direct(matrix.comm, options=False), matrix)
+        self._factor = self._own or factor
         self._start = start
         self._soft, self._image = start.copy(), start.duplicate()
         self._anything = start.norm() > 0
@@ -72,21 +74,21 @@ class Inertia:
             return 0
         before = self._value
         known = unseen <= UNSEEN and not self._own and not self._shift
-        if known and before is not None and not self._negatives():
+        if known and before is not None and not self._factor.negatives:
             self._soft.axpy(MIXED, self._start)
             value = self._sweep(SWEEPS)
             if value > before - value:
                 self._value = value
                 return 0
         self._refactor()
-        found = self._negatives()
+        found = self._factor.negatives
         self._value = self._sweep(SWEEPS if before else FIRST_SWEEPS) if not found else None
         return found
 
     @property
     def saddle(self) -> bool:
         """Whether the last matrix of Newton's solver is indefinite, as far as its factor tells."""
-        return not self._own and self._negatives() > 0
+        return not self._own and self._factor.negatives > 0
 
     def mode(self) -> NDArray[np.float64]:
         """Return the eigenvector of the lowest eigenvalue in the present state; collective.
@@ -96,7 +98,7 @@ class Inertia:
             the start vector alone.
         """
         self._refactor()
-        if self._negatives():
+        if self._factor.negatives:
             self._make_definite()
         self._start.copy(self._soft)
         last = np.inf
@@ -120,13 +122,15 @@ class Inertia:
         """
         self._shift = 0.0
         if self._own:
-            self._factor()
-        if self._negatives():
+            self._factor.renew()
+        if self._factor.negatives:
             self._make_definite()
-            self._ksp.solve(force, step)
+            self._factor.solve(force, step)
 
     def restart(self) -> None:
         """Forget the shift of the last solve, whose factor is not of this one."""
+        if self._shift:
+            self._factor.forget()
         self._shift = 0.0
 
     def destroy(self) -> None:
@@ -135,25 +139,10 @@ class Inertia:
             if item is not None:
                 item.destroy()
 
-    def _negatives(self) -> int:
-        return int(self._ksp.getPC().getFactorMatrix().getMumpsInfog(NEGATIVE))
-
     def _refactor(self) -> None:
         self._assemble()
         self._shift = 0.0
-        self._factor()
-
-    def _factor(self) -> None:
-        """Factorise the matrix as it is; null pivots, as of free motion, are not negative."""
-        self._ksp.setOperators(self._matrix)
-        self._ksp.setUp()
-        factor = self._ksp.getPC().getFactorMatrix()
-        if factor.getMumpsInfog(STATUS) < 0:
-            factor.setMumpsIcntl(COUNT_NULL, 1)
-            self._matrix.stateIncrease()  # so that it is factorised again
-            self._ksp.setOperators(self._matrix)
-            self._ksp.setUp()
-            factor.setMumpsIcntl(COUNT_NULL, 0)
+        self._factor.renew()
 
     def _make_definite(self) -> None:
         """Shift the matrix until its factor has no negative pivot."""
@@ -161,8 +150,8 @@ class Inertia:
         for _ in range(TRIALS):
             self._matrix.shift(shift - self._shift)
             self._shift = shift
-            self._factor()
-            if not self._negatives():
+            self._factor.renew()
+            if not self._factor.negatives:
                 return
             shift *= GROWTH
 
@@ -170,8 +159,9 @@ class Inertia:
         """Iterate with the inverse; return Rayleigh's quotient (N/m) of the softest vector."""
         value = 0.0
         for _ in range(number):
-            self._ksp.solve(self._soft, self._image)
+            self._factor.solve(self._soft, self._image, ROUGH)
             size = self._image.norm()
+            self._matrix.mult(self._image, self._soft)
             value = self._image.dot(self._soft) / size**2
             self._image.copy(self._soft)
             self._soft.scale(1 / size)
@@ -212,19 +202,3 @@ def bounds(placements: Placements) -> tuple[NDArray[np.float64], NDArray[np.floa
     low = comm.allgather(places.min(axis=0, initial=np.inf))
     high = comm.allgather(places.max(axis=0, initial=-np.inf))
     return np.min(low, axis=0), np.max(high, axis=0)
-
-
-def _counts(ksp: Any) -> bool:
-    """Return whether a solver's factor tells the number of negative eigenvalues."""
-    pc = ksp.getPC()
-    exact = ksp.getType() == "preonly" and pc.getType() == "cholesky"
-    return bool(exact and pc.getFactorSolverType() == "mumps")
-
-
-def _counting(matrix: Any) -> Any:
-    """Return a solver whose factor does."""
-    ksp = PETSc.KSP().create(matrix.comm)
-    ksp.setType("preonly")
-    ksp.getPC().setType("cholesky")
-    ksp.getPC().setFactorSolverType("mumps")
-    return ksp

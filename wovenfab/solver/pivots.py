@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from wovenfab.solver.inertia import COUNT_NULL, NEGATIVE, STATUS
+from wovenfab.solver.factor import COUNT_NULL, NEGATIVE, STATUS
 
 #: Of MUMPS: number of null pivots, over all ranks.
 NULL = 28
@@ -30,14 +30,6 @@ class Pivots:
     negative: int
     null: int
     status: int
-
-
-def factor_status(ksp: Any) -> int:
-    """Return MUMPS's status of a solver's factor, negative where it failed; 0 if none tells."""
-    pc = ksp.getPC()
-    if pc.getFactorSolverType() != "mumps":
-        return 0
-    return int(pc.getFactorMatrix().getMumpsInfog(STATUS))
 
 
 def pivots_of(matrix: Any) -> Pivots:

@@ -8,6 +8,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.solver.controls import Controls
+from wovenfab.solver.factor import Factor
 
 _REASONS = {
     value: name
@@ -39,8 +40,19 @@ class Options:
             PETSc.Options().delValue(name)
 
 
-def create_snes(comm: MPI.Comm, controls: Controls) -> Any:
-    """Return Newton's method with a Cholesky factorisation by MUMPS; collective.
+class _Linear:
+    """Newton's linear systems, as PETSc's linear solver of type python."""
+
+    def __init__(self, factor: Factor) -> None:
+        self._factor = factor
+
+    def solve(self, ksp: Any, b: Any, x: Any) -> None:
+        """Solve one."""
+        ksp.setConvergedReason(self._factor.solve(b, x))
+
+
+def create_snes(comm: MPI.Comm, controls: Controls, factor: Factor) -> Any:
+    """Return Newton's method, its systems solved by a factor; collective.
 
     Options must be set before.
     """
@@ -48,11 +60,11 @@ def create_snes(comm: MPI.Comm, controls: Controls) -> Any:
     snes.setType("newtonls")
     snes.setTolerances(max_it=controls.max_iterations)
     ksp = snes.getKSP()
-    ksp.setType("preonly")
-    pc = ksp.getPC()
-    pc.setType("cholesky")
-    pc.setFactorSolverType("mumps")
+    ksp.setOptionsPrefix("newton_")  # options without a prefix are for the factor's solver
     snes.setFromOptions()
+    ksp.setType("python")
+    ksp.setPythonContext(_Linear(factor))
+    ksp.getPC().setType("none")
     return snes
 
 

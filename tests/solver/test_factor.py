@@ -1,0 +1,181 @@
+"""The factor of an earlier tangent solves with later ones, and only where it may."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import inf
+from typing import Any
+
+import numpy as np
+import pytest
+from petsc4py import PETSc
+
+from tests import scenes
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.factor import Factor, create_direct
+from wovenfab.stepping.march import Step
+from wovenfab.stepping.program import cycle, program_of, ramp
+from wovenfab.stepping.stability import StabilityLostError
+
+SIZE = 60
+RENEW = Factor._renew
+
+
+def laplacian(shift: float = 0.0, held: float = 1.0) -> Any:
+    """Return a tridiagonal matrix with the first unknown prescribed, of the upper half alone."""
+    matrix = PETSc.Mat().createSBAIJ(SIZE, 1, nnz=2, comm=PETSc.COMM_SELF)
+    for i in range(SIZE):
+        matrix.setValue(i, i, held if i == 0 else 2.0 + shift)
+        if 0 < i < SIZE - 1:
+            matrix.setValue(i, i + 1, -1.0)
+    matrix.assemble()
+    return matrix
+
+
+class Counting(Factor):
+    """Counts its factorisations."""
+
+    made = 0
+
+    def _renew(self) -> None:
+        self.made += 1
+        super()._renew()
+
+
+@pytest.fixture
+def factor() -> Iterator[Counting]:
+    """Yield a factor of the matrix, used once, for which a factorisation is never cheap."""
+    matrix = laplacian(0.5)
+    factor = Counting(create_direct(matrix.comm), matrix, 0.0)
+    b, x = matrix.createVecs()
+    b.set(1.0)
+    assert factor.solve(b, x) > 0
+    factor._cost = factor._spent = 100.0
+    b.destroy()
+    x.destroy()
+    yield factor
+    factor.destroy()
+    matrix.destroy()
+
+
+def solve(factor: Factor, shift: float) -> tuple[Any, Any]:
+    """Give the factor's matrix another diagonal; return the solution and the exact one."""
+    matrix = factor._matrix
+    fresh = laplacian(shift)
+    fresh.copy(matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
+    fresh.destroy()
+    full = np.diag(np.full(SIZE, 2.0 + shift)) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1)
+    full[0], full[:, 0], full[0, 0] = 0.0, 0.0, 1.0
+    b, x = matrix.createVecs()
+    b.array_w[:] = np.random.default_rng(1).standard_normal(SIZE)
+    assert factor.solve(b, x) > 0
+    found, exact = np.array(x.array_r), np.linalg.solve(full, b.array_r)
+    b.destroy()
+    x.destroy()
+    return found, exact
+
+
+def test_an_earlier_factor_solves_as_well_as_its_own(factor: Counting) -> None:
+    found, exact = solve(factor, 0.6)
+    assert factor.made == 1
+    assert not factor.is_present
+    assert found == pytest.approx(exact, rel=1e-6)
+    assert found[0] == exact[0]  # prescribed: not even a rounding error
+
+
+def test_a_matrix_that_is_not_definite_gets_its_own_factor(factor: Counting) -> None:
+    found, exact = solve(factor, -0.5)
+    assert factor.made == 2
+    assert factor.negatives > 0
+    assert found == pytest.approx(exact, rel=1e-9)
+    solve(factor, 0.5)  # nor is that factor one for gradients
+    assert factor.made == 3
+
+
+def test_a_factor_too_old_is_made_anew_and_not_tried_at_once_again(factor: Counting) -> None:
+    factor._cost = 3.0
+    for shift, made in ((1e4, 2), (0.0, 3)):
+        found, exact = solve(factor, shift)
+        assert factor.made == made
+        assert found == pytest.approx(exact, rel=1e-9)
+    factor._cost = factor._spent = 100.0
+    solve(factor, 0.01)
+    assert factor.made == 3
+
+
+def test_it_is_made_anew_when_the_next_system_would_cost_more_than_the_average(
+    factor: Counting,
+) -> None:
+    factor._solved, factor._last = 4, 26
+    factor._spent = 4 * 26.0
+    solve(factor, 0.51)
+    assert factor.made == 1
+    factor._solved, factor._last = 4, 26
+    factor._spent = 4 * 26.0 - 1
+    solve(factor, 0.52)
+    assert factor.made == 2
+
+
+@pytest.mark.parametrize("least", [inf, 10.0])
+def test_a_small_factor_is_never_kept(least: float) -> None:
+    matrix = laplacian(0.5)
+    factor = Counting(create_direct(matrix.comm), matrix, least)
+    for made, shift in enumerate((0.5, 0.6, 0.7), start=1):
+        solve(factor, shift)
+        assert factor.made == made
+    factor.destroy()
+    matrix.destroy()
+
+
+def marched(keep_from: float) -> tuple[list[Step], list[Step], int]:
+    """Return a cycle of slip friction, the same with its own factors, and factorisations saved."""
+    names = (*scenes.COUPLED, "slip_friction")
+    model = scenes.model(scenes.sheet(), names, scenes.PROTOTYPE_TWO_STEPS)
+    program = program_of(cycle(0.0, 0.04, 0.25, 40))
+    made = []
+    marches = []
+    for least in (keep_from, inf):
+        count = [0]
+
+        def counting(self: Factor, count: list[int] = count) -> None:
+            count[0] += 1
+            RENEW(self)
+
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Factor, "_renew", counting)
+            patch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
+            marches.append(scenes.march(model, program, "bdf2", controls=Controls(keep_from=least)))
+        made.append(count[0])
+    return *marches, made[1] - made[0]
+
+
+def test_a_march_with_kept_factors_is_the_same_and_saves_most_factorisations() -> None:
+    kept, own, saved = marched(10.0)
+    assert saved > 0.6 * sum(s.iterations for s in own)
+    assert [s.iterations for s in kept] == [s.iterations for s in own]
+    peak = max(abs(s.reactions["right"][0]) for s in own)
+    for found, expected in zip(kept, own, strict=True):
+        assert found.reactions["right"] == pytest.approx(
+            expected.reactions["right"], abs=1e-8 * peak
+        )
+        assert found.negatives == expected.negatives == 0
+    loss = "slip_friction"
+    assert kept[-1].dissipated[loss] == pytest.approx(own[-1].dissipated[loss], rel=1e-8)
+
+
+def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
+    model = scenes.model(scenes.sheet(fibres=scenes.ALONG), scenes.BONDED, scenes.PROTOTYPE)
+    program = program_of([ramp(0.0, 1e-4, 1.0, 16)])
+    where = []
+    for least in (0.0, inf):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)
+            with pytest.raises(StabilityLostError) as error:
+                scenes.march(
+                    model, program, grips=scenes.PUSH, controls=Controls(keep_from=least),
+                    smallest_step=1 / 1024,
+                )  # fmt: skip
+        loss = error.value.loss
+        where.append(loss.time)
+        assert loss.negatives == 1
+    assert where[0] == pytest.approx(where[1], rel=1e-3)

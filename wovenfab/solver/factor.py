@@ -1,0 +1,191 @@
+"""Linear systems with tangents, by a factor of one of them that is kept while that pays.
+
+To factorise a tangent takes as long as tens of solutions with its factor, and more the larger
+it is; but tangents change little from one Newton step to the next. An older factor
+preconditions conjugate gradients, which need the more iterations the older it is. It is made
+anew where the next system is expected to cost more than all have cost on average since the
+last factorisation, that itself included: there the average is least.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import Any
+
+from mpi4py import MPI
+from petsc4py import PETSc
+
+Reason = PETSc.KSP.ConvergedReason
+#: Of MUMPS: status, number of negative pivots, entries of the factor, operations for it.
+STATUS, NEGATIVE, ENTRIES, OPERATIONS = 1, 12, 29, 3
+#: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
+COUNT_NULL = 24
+#: Operations for an entry of the factor that take as long as to use the entry in an iteration.
+OPERATIONS_PER_USE = 40.0
+#: Error of a solution in the norm of energy, relative: beyond what Newton's steps can tell.
+ACCURACY = 1e-8
+#: Most tangents in a row for which no older factor is tried after it has failed.
+LONGEST_WAIT = 32
+
+
+def create_direct(comm: MPI.Comm, options: bool = True) -> Any:
+    """Return a linear solver: a Cholesky factorisation by MUMPS; collective.
+
+    Args:
+        comm: Its ranks.
+        options: Whether PETSc's options may choose another one.
+    """
+    direct = PETSc.KSP().create(comm)
+    direct.setType("preonly")
+    direct.getPC().setType("cholesky")
+    direct.getPC().setFactorSolverType("mumps")
+    if options:
+        direct.setFromOptions()
+    return direct
+
+
+class Factor:
+    """Solves with the matrix of the present tangent; collective.
+
+    Attributes:
+        definite: Whether matrices are expected to be definite and near to the last one, as
+            an older factor needs.
+        method: PETSc's names of solver, preconditioner and package.
+        counts: Whether the factor tells the number of negative eigenvalues.
+    """
+
+    def __init__(self, direct: Any, matrix: Any, keep_from: float = inf) -> None:
+        """Prepare to factorise.
+
+        Args:
+            direct: The linear solver, of ``create_direct``; destroyed with this object.
+            matrix: Symmetric; its values may change from one solution to the next.
+            keep_from: Iterations that a factorisation must be worth before an older factor
+                is used; infinite for never.
+        """
+        self._matrix, self._keep_from = matrix, keep_from
+        self.definite = True
+        self._direct, self._pc = direct, direct.getPC()
+        self._direct.setOperators(matrix)
+        self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
+        self.counts = self.method == ("preonly", "cholesky", "mumps")
+        self._gradients = PETSc.KSP().create(matrix.comm)
+        self._gradients.setType("cg")
+        self._gradients.setNormType(PETSc.KSP.NormType.NATURAL)
+        self._gradients.setPC(self._pc)
+        self._rest: Any = None
+        self._made = -1  # state of the matrix when it was factorised
+        self._cost = 0.0  # of a factorisation, in iterations
+        self._spent, self._solved, self._last = 0.0, 0, 0  # since then
+        self._wait, self._waiting = 0, 0
+
+    @property
+    def is_present(self) -> bool:
+        """Whether the factor is of the matrix as it is now."""
+        return bool(self._made == self._matrix.stateGet())
+
+    @property
+    def negatives(self) -> int:
+        """Number of negative pivots of the factor, over all ranks."""
+        return self._told(NEGATIVE)
+
+    @property
+    def status(self) -> int:
+        """How MUMPS ended the last factorisation, negative where it failed; 0 if none tells."""
+        return self._told(STATUS) if self._pc.getFactorSolverType() == "mumps" else 0
+
+    def solve(self, b: Any, x: Any, accuracy: float = ACCURACY) -> int:
+        """Solve A x = b.
+
+        Args:
+            b: Right-hand side.
+            x: The solution; overwritten.
+            accuracy: Error in the norm of energy over that of the solution, where it is not
+                solved directly.
+
+        Returns:
+            PETSc's reason, negative where it failed.
+        """
+        if not self.is_present:
+            if self._pays() and self._refine(b, x, accuracy):
+                return int(Reason.CONVERGED_RTOL)
+            self._renew()
+        if not self._solved:
+            self._count(1)
+        self._direct.solve(b, x)
+        return int(self._direct.getConvergedReason())
+
+    def renew(self) -> None:
+        """Factorise the matrix as it is; null pivots, as of free motion, are not negative."""
+        self._renew()
+        if self.status < 0:
+            self._pc.getFactorMatrix().setMumpsIcntl(COUNT_NULL, 1)
+            self._matrix.stateIncrease()  # so that it is factorised again
+            self._renew()
+            self._pc.getFactorMatrix().setMumpsIcntl(COUNT_NULL, 0)
+
+    def forget(self) -> None:
+        """Let the next matrix be factorised."""
+        if self._made >= 0 and self.status < 0:  # PETSc's MUMPS takes no other after a failure
+            self._pc.reset()
+        self._made, self._solved = -1, 0
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        for item in (self._gradients, self._direct, *(self._rest or ())):
+            item.destroy()
+
+    def _told(self, number: int) -> int:
+        return int(self._pc.getFactorMatrix().getMumpsInfog(number))
+
+    def _pays(self) -> bool:
+        """Return whether to try the factor there is."""
+        if not (self.definite and self._solved) or self._cost < self._keep_from or self.negatives:
+            return False
+        if self._waiting:
+            self._waiting -= 1
+            return False
+        return self._last * self._solved <= self._spent
+
+    def _renew(self) -> None:
+        self._pc.setReusePreconditioner(False)
+        self._direct.setOperators(self._matrix)
+        self._direct.setUp()
+        self._made = self._matrix.stateGet()
+        if self.counts:
+            entries = self._told(ENTRIES)
+            entries = entries if entries >= 0 else -1_000_000 * entries  # millions
+            operations = self._pc.getFactorMatrix().getMumpsRinfog(OPERATIONS)
+            self._cost = operations / (OPERATIONS_PER_USE * max(entries, 1))
+        self._spent, self._solved, self._last = self._cost, 0, 0
+
+    def _refine(self, b: Any, x: Any, accuracy: float) -> bool:
+        """Solve with an older factor; return whether that has succeeded.
+
+        Conjugate gradients begin with its answer, which is exact where placements are
+        prescribed: those rows are the identity's in each tangent.
+        """
+        if self._rest is None:
+            self._rest = b.duplicate(), b.duplicate()
+        rest, change = self._rest
+        self._pc.setReusePreconditioner(True)
+        self._pc.apply(b, x)
+        energy = b.dot(x)
+        self._matrix.mult(x, rest)
+        rest.aypx(-1.0, b)
+        most = max(1, int(self._cost))
+        self._gradients.setOperators(self._matrix)
+        self._gradients.setTolerances(0.0, accuracy * sqrt(max(energy, 0.0)), max_it=most)
+        self._gradients.solve(rest, change)
+        self._count(1 + self._gradients.getIterationNumber())
+        done: bool = self._gradients.getConvergedReason() > 0
+        if done:
+            x.axpy(1.0, change)
+        self._wait = 0 if done else min(max(1, 2 * self._wait), LONGEST_WAIT)
+        self._waiting = self._wait
+        return done
+
+    def _count(self, iterations: int) -> None:
+        self._spent += iterations
+        self._solved += 1
+        self._last = iterations
