@@ -12,7 +12,7 @@ from wovenfab.bench.textbook import Law
 SIZES = (65.0, 32.0, 16.0, 10.0, 6.3)
 #: The one of 200k unknowns, for which ranks are compared.
 COMPARED = 10.0
-STEPS = ("program={type: ramp, to: 0.5 mm, steps: 2, duration: 4 ms}", "solver.stability=ignore")
+STEPS = ("program={type: ramp, to: 1.5 mm, steps: 6, duration: 12 ms}",)
 PICTURE = Path("results") / "growth.png"
 
 
@@ -33,6 +33,7 @@ def growth() -> list[Figure]:
     _draw(samples, seconds, memory)
     print(f"picture: {PICTURE}")
     one, two = _run(COMPARED), _run(COMPARED, ranks=2)
+    renewed = _run(COMPARED, settings=("solver.factor=renewed",))
     meaning = f"fit over {unknowns[0]} to {unknowns[-1]} unknowns, degree 3, MUMPS, 1 rank"
     return [
         Figure("growth of the time of an iteration", seconds.power, 1.25, "", meaning),
@@ -45,11 +46,19 @@ def growth() -> list[Figure]:
             f"{one.seconds:.1f} over {two.seconds:.1f} s, {one.unknowns} unknowns",
             at_least=True,
         ),
+        Figure(
+            "a factor for each tangent over kept ones",
+            renewed.seconds / one.seconds,
+            1.0,
+            "x",
+            f"{renewed.seconds:.1f} over {one.seconds:.1f} s, {one.unknowns} unknowns",
+            at_least=True,
+        ),
     ]
 
 
-def _run(size: float, ranks: int = 1) -> Sample:
-    return sample((f"discretisation.mesh_size={size}mm", *STEPS), ranks)
+def _run(size: float, ranks: int = 1, settings: tuple[str, ...] = ()) -> Sample:
+    return sample((f"discretisation.mesh_size={size}mm", *STEPS, *settings), ranks)
 
 
 def _draw(samples: list[Sample], seconds: Law, memory: Law) -> None:

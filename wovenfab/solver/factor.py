@@ -140,7 +140,8 @@ class Factor:
 
     def _pays(self) -> bool:
         """Return whether to try the factor there is."""
-        if not (self.definite and self._solved) or self._cost < self._keep_from or self.negatives:
+        usable = self.counts and self.definite and self._solved and not self.negatives
+        if not usable or self._cost < self._keep_from:
             return False
         if self._waiting:
             self._waiting -= 1
