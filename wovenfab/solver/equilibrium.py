@@ -30,19 +30,15 @@ from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
 from wovenfab.solver.carried import CarriedStress
 from wovenfab.solver.controls import Controls, Outcome
+from wovenfab.solver.convergence import Convergence
 from wovenfab.solver.factor import Factor, create_direct
 from wovenfab.solver.inertia import Inertia, start_vector
+from wovenfab.solver.search import backtrack
 from wovenfab.solver.snes import Options, create_snes, reason_of
 
 Reason = PETSc.SNES.ConvergedReason
-#: Largest number of halvings in the line search, and its sufficient-decrease constant.
-HALVINGS = 14
-DECREASE = 1e-4
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
 STUCK = 2
-EPSILON = float(np.finfo(np.float64).eps)
-#: A change of the potential below this share of it is round-off, not an increase.
-ROUND_OFF = 1e-12
 #: Iterations after which friction that can be carried is.
 PATIENCE = 12
 
@@ -76,22 +72,13 @@ class Equilibrium:
         self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
         self._assembled = self.force.copy()  # where the tangent was formed
         self.saddle_at_start = False
-        # Largest force (N) and energy (J) of an equilibrium so far, by which others are judged.
-        self._force_scale = 0.0
-        self._energy_scale = 0.0
-        # Size of the tangent (N/m), and rounding error of positions (m).
-        self._stiffness = 0.0
-        self._blur = 0.0
+        self._convergence = Convergence(controls.tolerance, _largest_cell(model))
         self._force_norm = 0.0
         self._norm = 0.0
         self._potential: float | None = None
         self._decrement = np.inf
         self._attained = False
         self._stuck = 0
-        mesh = model.sheet.mesh
-        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
-        largest = float(mesh.h(2, cells).max(initial=0.0))
-        self._cell_size = float(model.comm.allreduce(largest, op=MPI.MAX))
         self._most = controls.max_iterations
         # The stress of set-valued friction is always carried, that of others when it must be.
         self._always = self._stresses_of(model) if model.carried else None
@@ -174,8 +161,7 @@ class Equilibrium:
         negatives = 0
         if reason > 0:
             negatives = self.inertia.judge(self._unseen(before) if iterations else np.inf)
-            self._force_scale = max(self._force_scale, self._force_norm)
-            self._energy_scale = max(self._energy_scale, abs(self._potential or 0.0))
+            self._convergence.accept(self._force_norm, self._potential or 0.0)
         return Outcome(
             converged=reason > 0,
             reason=reason_of(self._snes),
@@ -284,10 +270,8 @@ class Equilibrium:
         if self._carried:
             self._carried.prepare_tangent()
         size = self._size_of_tangent()
-        # Strains are differences of displacements, which are known to a rounding error of
-        # their own size, and of the cell's where they are small.
-        self._stiffness = self._carried.diagonal if self._carried else size
-        self._blur = EPSILON * max(x.norm(PETSc.NormType.INFINITY), self._cell_size)
+        stiffness = self._carried.diagonal if self._carried else size
+        self._convergence.measure(stiffness, x.norm(PETSc.NormType.INFINITY))
 
     def _assemble_tangent(self) -> None:
         """Put the tangent of the model's present field in the matrix, the plain one."""
@@ -333,41 +317,28 @@ class Equilibrium:
         field, step, last = self._model.field, self.barrier.step, self._model.last
         start = self.energy() if self._potential is None else self._potential
         slope = float(self._snes.getFunction()[0].dot(y))  # decrease per unit length
-        # An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
-        blurred = self._blur * np.sqrt(2 * abs(start) * self._stiffness)
-        slack = max(ROUND_OFF * max(abs(start), self._energy_scale), blurred)
-        trial: float | None = start
-        for _ in range(HALVINGS):
-            field.x.array[:] = last.x.array + length * step.x.array
-            trial = self.energy()
-            if np.isfinite(trial) and trial <= start - DECREASE * length * slope + slack:
-                break
-            length /= 2
-        else:
-            trial = None  # not evaluated at the length that is returned
-        self._stuck = self._stuck + 1 if trial is None else 0
-        self._potential = trial
+        noise = self._convergence.noise(start)
+
+        def potential(at: float) -> float:
+            field.x.array[:] = last.x.array + at * step.x.array
+            return self.energy()
+
+        length, self._potential = backtrack(potential, start, slope, length, noise)
+        self._stuck = self._stuck + 1 if self._potential is None else 0
         self._decrement = abs(slope) if length == 1.0 else np.inf
         return length
 
     def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        """Converged if forces balance, or the last full step was already negligible.
-
-        Newton's decrement is twice the energy that a step gains; convergence is
-        quadratic, so a step of relative energy ``tolerance`` leaves its square.
-        """
+        """End where forces balance or nothing is gained any more."""
         residual = self._norm = norms[2]
         if not np.isfinite([residual, self._force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
-        tolerance = self._controls.tolerance
         if self._attained and self._is_lawful():
-            force = max(self._force_scale, self._force_norm)
-            energy = max(self._energy_scale, abs(self._potential or 0.0))
-            if residual <= max(tolerance * force, self._blur * self._stiffness):
-                return int(Reason.CONVERGED_FNORM_RELATIVE)
-            small = self._decrement <= tolerance * energy
-            if small and residual <= np.sqrt(tolerance) * force:
-                return int(Reason.CONVERGED_SNORM_RELATIVE)
+            reason = self._convergence.reason(
+                residual, self._force_norm, self._decrement, self._potential or 0.0
+            )
+            if reason is not None:
+                return reason
         if self._stuck >= STUCK:
             return int(Reason.DIVERGED_LINE_SEARCH)
         if iteration >= self._most:
@@ -383,4 +354,11 @@ class Equilibrium:
     def _scale_of_energy(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
         self._potential = self.energy()
-        return max(self._energy_scale, abs(self._potential))
+        return self._convergence.scale_of(self._potential)
+
+
+def _largest_cell(model: Model) -> float:
+    """Return the size of the largest cell, m; collective."""
+    mesh = model.sheet.mesh
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return float(model.comm.allreduce(mesh.h(2, cells).max(initial=0.0), op=MPI.MAX))
