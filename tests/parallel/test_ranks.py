@@ -22,7 +22,7 @@ from tests import scenes
 from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle
 from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.solver import equilibrium as solver_module
+from wovenfab.solver import system as solver_module
 from wovenfab.solver.controls import Controls
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step

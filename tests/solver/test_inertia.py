@@ -130,7 +130,7 @@ def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> N
 
 def test_a_null_pivot_is_not_negative() -> None:
     _, equilibrium, _ = pushed(0.0)
-    matrix, inertia = equilibrium._matrix, equilibrium.inertia
+    matrix, inertia = equilibrium._system.matrix, equilibrium.inertia
     matrix.zeroEntries()
     diagonal = matrix.getDiagonal()
     diagonal.array_w[:] = 1.0

@@ -11,8 +11,8 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Model
-from wovenfab.solver import equilibrium as solver_module
-from wovenfab.solver.controls import Controls
+from wovenfab.solver import system as solver_module
+from wovenfab.solver.controls import Controls, Outcome
 from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.march import March, Step
@@ -97,7 +97,7 @@ def test_cut_backs_change_the_dissipated_energy_only_within_the_time_accuracy(
         """Pretend that every seventh solve did not converge."""
         outcome = whole(self)
         failed = next(refuse) % 7 == 3
-        return solver_module.Outcome(False, "REFUSED", 1, 1.0) if failed else outcome
+        return Outcome(False, "REFUSED", 1, 1.0) if failed else outcome
 
     monkeypatch.setattr(Equilibrium, "solve", solve)
     rough = scenes.march(model, program, "bdf2")

@@ -63,18 +63,18 @@ class TrustRegion(Counted):
         return replace(second, iterations=first.iterations + second.iterations)
 
     def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        if snes.getType() == "newtonls" and self._attained:
+        if snes.getType() == "newtonls" and self._system.attained:
             self._norm = norms[2]
             return int(Reason.CONVERGED_ITS)
         return super()._test(snes, iteration, norms)
 
     def _evaluate_objective(self, snes: Any, x: Any) -> float:
-        self._load(x)
+        self._system.load(x)
         return self.energy() if self.barrier.margin() > 0 else float("inf")
 
     def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         if snes.getType() == "newtontr":
-            self._load(x)
+            self._system.load(x)
             self._model.last.x.array[:] = self._model.field.x.array
         super()._evaluate_jacobian(snes, x, matrix, preconditioner)
 

@@ -12,18 +12,11 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from forms.carried import Carried
-from wovenfab.model.assembly import (
-    assemble_matrix,
-    assemble_scalar,
-    assemble_vector,
-    create_matrix,
-)
 from wovenfab.model.carrying import carrying
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
@@ -35,6 +28,7 @@ from wovenfab.solver.factor import Factor, create_direct
 from wovenfab.solver.inertia import Inertia, start_vector
 from wovenfab.solver.search import backtrack
 from wovenfab.solver.snes import Options, create_snes, reason_of
+from wovenfab.solver.system import System
 
 Reason = PETSc.SNES.ConvergedReason
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
@@ -47,8 +41,6 @@ class Equilibrium:
     """Solves for the field that balances the forces; objects are made once.
 
     Attributes:
-        force: Internal force at this rank's unknowns at the last evaluation
-            (residual before boundary conditions), N.
         factor: Solves Newton's linear systems.
         inertia: Judges the tangent.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
@@ -56,46 +48,40 @@ class Equilibrium:
 
     def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
         """Create matrix, vectors, factorisation and SNES for a model."""
-        self._model = self._plain = model
+        self._plain = model
         self._constraints = constraints
         self._controls = controls
         self.barrier = Barrier(model)
-        self._residual = model.field.x.petsc_vec.duplicate()  # ghosted
-        self._solution = self._residual.duplicate()
-        self._diagonal = self._residual.duplicate()
         self._options = Options(controls)
         direct = create_direct(model.comm)
-        cholesky = direct.getPC().getType() == "cholesky"
-        self._matrix = create_matrix(model.jacobian, upper=cholesky)
-        self.factor = Factor(direct, self._matrix, controls.keep_from)
+        self._system = System(model, constraints, upper=direct.getPC().getType() == "cholesky")
+        self._solution = self._system.residual.duplicate()
+        self.factor = Factor(direct, self._system.matrix, controls.keep_from)
         self._snes = self._create_snes()
-        self.force: NDArray[np.float64] = np.zeros(self._residual.getLocalSize())
-        self._assembled = self.force.copy()  # where the tangent was formed
+        self._assembled = np.zeros(self._solution.getLocalSize())  # where the tangent was formed
         self.saddle_at_start = False
         self._convergence = Convergence(controls.tolerance, _largest_cell(model))
-        self._force_norm = 0.0
         self._norm = 0.0
         self._potential: float | None = None
         self._decrement = np.inf
-        self._attained = False
         self._stuck = 0
         self._most = controls.max_iterations
         # The stress of set-valued friction is always carried, that of others when it must be.
         self._always = self._stresses_of(model) if model.carried else None
-        self._carried = self._always
+        self._system.carried = self._always
         self._sharp: tuple[Model, CarriedStress] | None = None
         self._can_carry = any(t.effect.bound for t in model.balance.terms)
         self.inertia = Inertia(
             self.factor,
-            self._matrix,
+            self._system.matrix,
             self._assemble_tangent,
             start_vector(model.placements, constraints.bcs, controls.seed),
         )
 
     def _create_snes(self) -> Any:
-        snes = create_snes(self._model.comm, self._controls, self.factor)
-        snes.setFunction(self._evaluate_residual, self._residual)
-        snes.setJacobian(self._evaluate_jacobian, self._matrix)
+        snes = create_snes(self._plain.comm, self._controls, self.factor)
+        snes.setFunction(self._evaluate_residual, self._system.residual)
+        snes.setJacobian(self._evaluate_jacobian, self._system.matrix)
         snes.setObjective(self._evaluate_objective)
         snes.setLineSearchPreCheck(self._limit_step)
         snes.setConvergenceTest(self._test)
@@ -120,7 +106,7 @@ class Equilibrium:
         self._carry()
         again = self._solve()
         if not again.converged:  # it was not the friction
-            self._model, self._carried = self._plain, self._always
+            self._system.model, self._system.carried = self._plain, self._always
         return again
 
     def _carry(self) -> None:
@@ -128,17 +114,11 @@ class Equilibrium:
         if self._sharp is None:
             model = carrying(self._plain)
             self._sharp = model, self._stresses_of(model)
-        self._model, self._carried = self._sharp
+        self._system.model, self._system.carried = self._sharp
         self._most = self._controls.max_iterations
 
     def _stresses_of(self, model: Model) -> CarriedStress:
         return CarriedStress(model, self.barrier.step, self._constraints.bcs)
-
-    def _size_of_tangent(self) -> float:
-        """Assemble the tangent of the model's present field; return its diagonal's size, N/m."""
-        assemble_matrix(self._matrix, self._model.jacobian, self._constraints.bcs)
-        self._matrix.getDiagonal(self._diagonal)
-        return float(self._diagonal.norm())
 
     def _solve(self) -> Outcome:
         """Solve with the present forms."""
@@ -147,21 +127,21 @@ class Equilibrium:
         self._solution.array_w[:] = field.x.array[: self._solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
         self._stuck, self._norm = 0, np.nan
-        self._attained = not self._constraints.unmet(field)
+        self._system.begin()
         self.inertia.restart()
-        # Beyond a loss of stability they are not; stress that is carried changes them much.
+        # Descents meet tangents that are not, and carried stress changes them too much.
         self.factor.definite = not (self._controls.descend or self._carried)
         if self.factor.status < 0:
             self.factor.forget()
         if self._carried:
-            self._carried.begin(self._size_of_tangent)
+            self._carried.begin(self._system.size_of_tangent)
         self._snes.solve(None, self._solution)
-        self._load(self._solution)
+        self._system.load(self._solution)
         reason, iterations = self._snes.getConvergedReason(), self._snes.getIterationNumber()
         negatives = 0
         if reason > 0:
             negatives = self.inertia.judge(self._unseen(before) if iterations else np.inf)
-            self._convergence.accept(self._force_norm, self._potential or 0.0)
+            self._convergence.accept(self._system.force_norm, self._potential or 0.0)
         return Outcome(
             converged=reason > 0,
             reason=reason_of(self._snes),
@@ -187,12 +167,22 @@ class Equilibrium:
         step, whole = np.max(self._model.comm.allgather(ways), axis=0)
         return step / whole if whole > 0 else np.inf
 
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Internal force (N) at this rank's unknowns at the last iterate."""
+        return self._system.force
+
     def evaluate_force(self) -> NDArray[np.float64]:
         """Return the internal force (N) of the model's present field at own unknowns."""
-        self._assemble_force(self._residual)
-        self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        self.force = self._residual.array_r.copy()
-        return self.force
+        return self._system.evaluate_force()
+
+    @property
+    def _model(self) -> Model:
+        return self._system.model
+
+    @property
+    def _carried(self) -> CarriedStress | None:
+        return self._system.carried
 
     @property
     def carried(self) -> tuple[Carried, ...]:
@@ -203,21 +193,18 @@ class Equilibrium:
         """Return the part of the force (N) of set-valued friction; 0 without any."""
         if not self._plain.push:
             return 0.0
-        assemble_vector(self._residual, self._plain.push)
-        self._residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        force: NDArray[np.float64] = self._residual.array_r.copy()
-        return force
+        return self._system.force_of(self._plain.push)
 
     def tangent(self) -> Any:
         """Return the tangent (N/m) of the model's present state, prescribed rows of one."""
         self._assemble_tangent()
-        return self._matrix
+        return self._system.matrix
 
     def watch(self, tell: Callable[[], None]) -> None:
         """Call ``tell`` on every rank at each iterate, with the model's field set to it."""
 
         def look(snes: Any, *_: Any) -> None:
-            self._load(snes.getSolution())
+            self._system.load(snes.getSolution())
             tell()
 
         self._snes.setMonitor(look)
@@ -230,70 +217,40 @@ class Equilibrium:
         for stresses in (self._always, self._sharp[1] if self._sharp else None):
             if stresses:
                 stresses.destroy()
-        for item in (self._snes, self._matrix, self._residual, self._solution, self._diagonal):
+        for item in (self._snes, self._solution, self._system):
             item.destroy()
 
-    def _load(self, x: Any) -> None:
-        """Copy a PETSc vector into the model's field, ghosts included."""
-        field = self._model.field
-        field.x.array[: x.getLocalSize()] = x.array_r
-        field.x.scatter_forward()
-
-    def _assemble_force(self, b: Any) -> None:
-        assemble_vector(b, self._model.residual)
-        if self._carried:
-            self._carried.add_force(b)
-
     def _evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
-        """Residual with the prescribed values lifted, so that one step attains them."""
-        self._load(x)
-        if not self._attained:
-            self._attained = not self._constraints.unmet(self._model.field)
-        if self._carried:
-            self._carried.prepare_force(self._attained)
-        self._assemble_force(b)
-        bcs, at = self._constraints.bcs, self._model.field.x.petsc_vec
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        self.force = b.array_r.copy()
-        self._force_norm = b.norm()
-        if not self._attained:
-            with b.localForm() as local:
-                local.array_w[b.getLocalSize() :] = 0.0
-            for form in self._model.jacobian:
-                fem_petsc.apply_lifting(b, [form], [bcs], [at], -1.0)
-            b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        fem_petsc.set_bc(b, bcs, at, -1.0)
+        self._system.load(x)
+        self._system.evaluate_residual(b)
 
     def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
-        self._load(x)
+        self._system.load(x)
         self._assembled[:] = x.array_r
-        if self._carried:
-            self._carried.prepare_tangent()
-        size = self._size_of_tangent()
-        stiffness = self._carried.diagonal if self._carried else size
-        self._convergence.measure(stiffness, x.norm(PETSc.NormType.INFINITY))
+        size = self._system.evaluate_tangent()
+        self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
 
     def _assemble_tangent(self) -> None:
         """Put the tangent of the model's present field in the matrix, the plain one."""
         self._model.last.x.array[:] = self._model.field.x.array
         self._solution.array_w[:] = self._model.field.x.array[: self._solution.getLocalSize()]
-        self._evaluate_jacobian(self._snes, self._solution, self._matrix, self._matrix)
+        self._evaluate_jacobian(self._snes, self._solution, None, None)
 
     def _evaluate_objective(self, snes: Any, x: Any) -> float:
-        self._load(x)
+        self._system.load(x)
         return self.energy()
 
     def energy(self) -> float:
         """Return the incremental potential (J) of the model's present field; collective."""
-        return assemble_scalar(self._model.potential, self._model.comm)
+        return self._system.energy()
 
     def _limit_step(self, x: Any, y: Any) -> bool:
         """Shorten the step so that x - y is admissible and lowers the potential."""
-        self._load(x)
+        self._system.load(x)
         model, barrier = self._model, self.barrier
         if not self._snes.getIterationNumber():
             self.saddle_at_start = self.inertia.saddle
-        if self._attained and self._controls.descend:
+        if self._system.attained and self._controls.descend:
             self.inertia.descend(self._snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
         inside = self._carried.correct(self.factor, y) if self._carried else 1.0
@@ -303,7 +260,7 @@ class Equilibrium:
         length = min(inside, limit)
         if self._carried:
             self._carried.go(length)
-        elif self._attained and self._controls.line_search:
+        elif self._system.attained and self._controls.line_search:
             length = self._backtrack(y, length)
         else:
             self._potential, self._decrement = None, np.inf
@@ -331,11 +288,11 @@ class Equilibrium:
     def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End where forces balance or nothing is gained any more."""
         residual = self._norm = norms[2]
-        if not np.isfinite([residual, self._force_norm]).all():
+        if not np.isfinite([residual, self._system.force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
-        if self._attained and self._is_lawful():
+        if self._system.attained and self._is_lawful():
             reason = self._convergence.reason(
-                residual, self._force_norm, self._decrement, self._potential or 0.0
+                residual, self._system.force_norm, self._decrement, self._potential or 0.0
             )
             if reason is not None:
                 return reason

@@ -97,7 +97,7 @@ class Embedded:
         before += wrong / weights[1]
         off_power = power - self._dissipated()
         better = self._constraints.reactions(equilibrium.evaluate_force())
-        before[:], equilibrium.force = kept, found
+        before[:] = kept
         forces = {
             name: (x - better[name][0], y - better[name][1]) for name, (x, y) in reactions.items()
         }
