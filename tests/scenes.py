@@ -25,9 +25,10 @@ from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.equilibrium import Equilibrium
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.step import Step
 
 #: Table 1 of the paper, with the spin friction of its figure 7 (left).
 TABLE_1 = {

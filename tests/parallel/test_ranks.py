@@ -25,10 +25,11 @@ from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.solver import system as solver_module
 from wovenfab.solver.controls import Controls
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
 from wovenfab.stepping.stability import Loss
+from wovenfab.stepping.step import Step
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF

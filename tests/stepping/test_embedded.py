@@ -10,9 +10,10 @@ import pytest
 from tests import scenes
 from wovenfab.model.model import Numerics
 from wovenfab.stepping.embedded import rate_error
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES, end_weights
+from wovenfab.stepping.step import Step
 
 
 @pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.05, 0.2, 0.1)])

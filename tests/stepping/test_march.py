@@ -15,9 +15,10 @@ from wovenfab.solver import system as solver_module
 from wovenfab.solver.controls import Controls, Outcome
 from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.step import Step
 
 SHORT = 0.6  # 1:2, locks at 0.124 m
 

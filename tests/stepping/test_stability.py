@@ -13,10 +13,11 @@ from tests import scenes
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model
 from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
 from wovenfab.stepping.stability import StabilityLostError, Treatment
+from wovenfab.stepping.step import Step
 
 FRICTION = (*scenes.COUPLED, "slip_friction")
 #: Far beyond the critical load, which is met at 0.03 mm, and not so far.

@@ -17,9 +17,9 @@ from wovenfab.model.loads import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.solver.controls import Controls
 from wovenfab.stepping.failure import StartFailedError
-from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.step import Step
 
 HOLD = program_of([ramp(0.0, 0.0, 1.0, 4)])
 HELD = (Grip("left", scenes.CLAMP),)

@@ -16,10 +16,11 @@ from scipy.special import ellipe, ellipk
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import program_of, ramp
 from wovenfab.stepping.scheme import SCHEMES
 from wovenfab.stepping.stability import Loss, StabilityLostError, Treatment
+from wovenfab.stepping.step import Step
 
 #: Length 1 and K_b = 1.
 WIDTH = 0.0625

@@ -17,8 +17,8 @@ from tests.verification.test_closed_forms import ALONG, K_C, SECOND_AT_REST, ZET
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.loads import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
+from wovenfab.stepping.step import Step
 
 AREA = 0.02
 #: Most iterations of a step.

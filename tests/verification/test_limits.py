@@ -8,9 +8,10 @@ import pytest
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.step import Step
 
 PULL_RIGHT = 0.04
 

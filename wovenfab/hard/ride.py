@@ -24,9 +24,10 @@ from wovenfab.simulation.assemble import (
 )
 from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March, Step
+from wovenfab.stepping.march import March
 from wovenfab.stepping.pace import Pace
 from wovenfab.stepping.stability import Loss, StabilityLostError
+from wovenfab.stepping.step import Step
 
 #: Steps below which a sum of work by the trapezoidal rule says nothing.
 ENOUGH_STEPS = 10

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from wovenfab.stepping.march import Step
+    from wovenfab.stepping.step import Step
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,9 @@ from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.rig import Rig
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import Step
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import Step
 
 
 @dataclass(frozen=True)

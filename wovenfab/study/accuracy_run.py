@@ -28,8 +28,8 @@ from wovenfab.model.model import Model
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.rig import Rig, rig_of
 from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import Step
 from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import Step
 
 QUANTITIES = PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_N", "dissipated_J", "rms_beta_m"
 

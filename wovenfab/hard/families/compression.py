@@ -14,7 +14,7 @@ from wovenfab.hard.families.contrasts import AUTO, FEW, WHOLE
 from wovenfab.hard.pictures.compression import draw_compression
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting
-from wovenfab.stepping.march import Step
+from wovenfab.stepping.step import Step
 
 #: Yarns along the axis: each is Euler's hinged column.
 ALONG = Setting("compression")

@@ -17,7 +17,7 @@ from wovenfab.hard.grids import Grid, crossed, write
 from wovenfab.hard.pictures.models import draw_meshes
 from wovenfab.hard.ride import last_force, march, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting, together
-from wovenfab.stepping.march import Step
+from wovenfab.stepping.step import Step
 
 STEPS = ("program.to=40 mm", "program.steps=4", AUTO, "discretisation.degree=3")
 PULL = Setting("bonded-1x3", STEPS)

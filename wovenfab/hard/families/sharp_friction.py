@@ -15,7 +15,7 @@ from wovenfab.hard.pictures.friction import draw_friction
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting, together
 from wovenfab.model.compiler import compile_expression
-from wovenfab.stepping.march import Step
+from wovenfab.stepping.step import Step
 
 #: Strengths by kind of friction (N/m^2; N/m), slopes (s/m; s), and shares of the speed.
 STRENGTHS = {

@@ -1,0 +1,134 @@
+"""The states that a march has passed, and the one that it looks for next."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.solver.controls import Outcome
+from wovenfab.solver.equilibrium import Equilibrium
+from wovenfab.stepping.program import Program
+from wovenfab.stepping.scheme import Scheme, end_weights, extrapolation
+from wovenfab.stepping.start import prescribe
+
+Array = NDArray[np.float64]
+#: Accepted states that are kept: as many as an error in time needs.
+KEPT = 4
+#: Steps of the last length over which the motion is extrapolated at all.
+FARTHEST_AHEAD = 4.0
+
+
+class Motion:
+    """The motion of a model so far, and attempts at its next state.
+
+    Attributes:
+        time: Of the last accepted state, s.
+        number: Of accepted steps.
+        states: Accepted states, latest first, m.
+        steps: Times between them since the velocity last jumped, s.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        constraints: Constraints,
+        equilibrium: Equilibrium,
+        program: Program,
+        scheme: Scheme,
+        predict: bool,
+    ) -> None:
+        """Be at the reference state.
+
+        Args:
+            model: The compiled model.
+            constraints: Its prescribed placements.
+            equilibrium: Its solver.
+            program: The load program.
+            scheme: The time scheme.
+            predict: Start a step from the extrapolated motion, not from the last state.
+        """
+        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
+        self._program, self._scheme, self._predicts = program, scheme, predict
+        self.time, self.number = 0.0, 0
+        self.states: list[Array] = [np.zeros(model.field.x.array.size) for _ in range(KEPT)]
+        self.steps: list[float] = []
+
+    def begin(self) -> None:
+        """Take the present state as the one that the model has always been in."""
+        self.states = [self._model.field.x.array.copy() for _ in self.states]
+
+    def attempt(self, until: float, jump: bool) -> Outcome:
+        """Solve for the stage state of a step; collective.
+
+        Args:
+            until: Time at its end, s.
+            jump: The velocity jumps at its start.
+        """
+        model, scheme = self._model, self._scheme
+        step = until - self.time
+        start, end = (self._program.displacement(t) for t in (self.time, until))
+        prescribe(model, self._constraints, start + scheme.stage * (end - start))
+        if model.rate_weights:
+            self._set_rate(scheme.weights(step, self._step_before(step, jump)))
+        model.last.x.array[:] = self.states[0]
+        self._predict(scheme.stage * step, jump)
+        return self._equilibrium.solve()
+
+    def finish(self, until: float, jump: bool) -> Array:
+        """Go from the stage state on to the end of its step; return the change in it, m.
+
+        Args:
+            until: Time at its end, s.
+            jump: The velocity jumped at its start.
+        """
+        model, scheme, field = self._model, self._scheme, self._model.field.x.array
+        change = np.asarray((field - self.states[0]) / scheme.stage)
+        if scheme.stage < 1:
+            step = until - self.time
+            field[:] = self.states[0] + change
+            if model.rate_weights:
+                self._set_rate(end_weights(step, self._step_before(step, jump) or step))
+            model.loading.set(self._program.displacement(until))
+        return change
+
+    def accept(self, until: float, jump: bool) -> None:
+        """Take the present state as that at the end of a step.
+
+        Args:
+            until: Time at its end, s.
+            jump: The velocity jumped at its start.
+        """
+        self._equilibrium.keep()
+        self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
+        self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
+        self.time = until
+        self.number += 1
+
+    def restore(self) -> None:
+        """Go back to the last accepted state."""
+        self._model.field.x.array[:] = self.states[0]
+        self._equilibrium.restore()
+
+    def _step_before(self, step: float, jump: bool) -> float | None:
+        """Return the length of the last step; at rest before the start, so as if equal."""
+        if jump:
+            return None
+        return self.steps[0] if self.steps else step
+
+    def _set_rate(self, weights: tuple[float, ...]) -> None:
+        for constant, weight in zip(self._model.rate_weights, weights, strict=True):
+            constant.value = weight
+        for field, state in zip(self._model.history, self.states, strict=False):
+            field.x.array[:] = state
+
+    def _predict(self, ahead: float, jump: bool) -> None:
+        """Start from the extrapolated motion, unless that would cross the families."""
+        field, step = self._model.field, self._equilibrium.barrier.step
+        field.x.array[:] = self.states[0]
+        if not self._predicts or jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]:
+            return
+        step.x.array[:] = extrapolation(self.states, self.steps, ahead)
+        if self._equilibrium.barrier.limit() > 2.0:
+            field.x.array[:] += step.x.array
