@@ -19,8 +19,9 @@ from wovenfab.model.assembly import (
     assemble_vector,
     create_matrix,
 )
+from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip, Held
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.solver.controls import Controls

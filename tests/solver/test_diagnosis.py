@@ -13,8 +13,9 @@ from forms.catalogue import effects
 from forms.effect import Effect, Parameter
 from forms.kinematics import norm
 from tests import scenes
+from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Grip
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.coercivity import proven_penalty
 from wovenfab.solver.controls import Controls, Outcome
 from wovenfab.solver.diagnosis import Diagnosis, diagnose

@@ -12,9 +12,10 @@ from mpi4py import MPI
 
 from forms.catalogue import effects
 from tests import scenes
+from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.loads import EdgeLoad
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.controls import Controls
 from wovenfab.stepping.failure import StartFailedError
 from wovenfab.stepping.program import Program, cycle, program_of, ramp

@@ -10,9 +10,10 @@ import ufl
 
 from forms.catalogue import effects
 from tests import scenes
+from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.loads import EdgeLoad
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.equilibrium import Equilibrium
 

@@ -22,9 +22,10 @@ from wovenfab.case import (
     blame_own,
     conditions_of,
 )
+from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip
 from wovenfab.model.loads import EdgeLoad
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.gmsh_model import from_file, graded_rectangle, outline_from_file
 from wovenfab.sheet.outline import rectangle_outline
