@@ -11,7 +11,8 @@ from .published import published_schema
 from .read import case_data, dump_case, json_schema, problem_at, read_case
 from .reference import effects_page
 from .scene import SceneEffect, Value
-from .schema import Case, Discretisation, Output, Rectangle, SheetFile, Solver, Time
+from .schema import Case, Discretisation, Output, Solver, Time
+from .sheet import Rectangle, SheetFile
 
 __all__ = [
     "NUMPY_FUNCTIONS",

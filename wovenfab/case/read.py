@@ -22,7 +22,8 @@ from .overrides import override
 from .own_effects import OwnEffect, own_effects
 from .problems import CaseError, Problem
 from .rules import findings
-from .schema import Case, Rectangle, possible_fields
+from .schema import Case, possible_fields
+from .sheet import Rectangle
 from .translate import problems_in
 
 _FROM_SCHEMA = {

@@ -21,7 +21,8 @@ from .program import Hold, Ramp, Segment, Table, reached
 from .rest import GROWING, rest_at_start
 from .sampling import Finding, samples_of, unfit_conditions, unfit_values, unsound_places
 from .scene import Scene
-from .schema import Discretisation, Output, Rectangle, SheetFile, Time, possible_fields
+from .schema import Discretisation, Output, Time, possible_fields
+from .sheet import Rectangle, SheetFile
 
 Rule = Callable[..., Iterator[Finding]]
 
