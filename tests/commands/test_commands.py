@@ -248,10 +248,13 @@ def test_check_says_what_an_effect_would_bring_and_which_does_nothing(
         "check", "small.yaml", "--set", "effects.spin_friction.strength=0", cwd=folder
     ).stdout
     assert "spin_friction has a value of zero and changes nothing: leave it out" in told
-    assert "adding coupling would bring a second placement and twice the unknowns" in told
+    second = "would bring a second placement"
+    assert f"adding coupling, slip_friction or viscous_slip {second}\n" in told
     without = wovenfab("check", "small.yaml", "--set", "effects.spin_friction=null", cwd=folder)
     assert "one placement, facet integrals (bending), rate-independent:" in without.stdout
-    assert "adding spin_friction would bring rates, history and time" in without.stdout
+    assert "adding spin_friction would bring rates, so that speed matters" in without.stdout
+    assert f"adding coupling {second}\n" in without.stdout
+    assert f"adding slip_friction or viscous_slip {second} and rates" in without.stdout
 
 
 def test_check_prints_the_case_as_resolved_and_nothing_else(folder: Path, tmp_path: Path) -> None:

@@ -56,14 +56,17 @@ def describe(case: Case, unknowns: int, steps: int) -> list[str]:
     time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
     present = [f"{e.name} ({e.effect.law})" if e.effect.law else e.name for e in case.scene]
     inert = [e.name for e in case.scene if e not in acting(case.scene)]
-    added = [e for name, e in effects().items() if name not in case.effects]
+    brought: dict[str, list[str]] = {}
+    for effect in effects().values():
+        if effect.name not in case.effects:
+            brought.setdefault(_brought(needs, effect.needs), []).append(effect.name)
     return [
         f"{case.name}: {case.title}" if case.title else case.name,
         f"effects: {', '.join(present)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
         f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
-        *(f"adding {e.name} would bring {_brought(needs, e.needs)}" for e in added),
+        *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
         "the case is valid",
     ]
 
@@ -74,16 +77,20 @@ PLACEMENTS = {1: "one placement", 2: "two placements"}
 def _brought(now: Needs, more: Needs) -> str:
     """Return in words what an effect with other needs would bring to a scene."""
     news = (
-        (more.placements > now.placements, "a second placement and twice the unknowns"),
+        (more.placements > now.placements, "a second placement"),
         (
             more.second_gradient and not now.second_gradient,
             "second gradients and facet integrals",
         ),
-        (more.rate and not now.rate, "rates, history and time"),
+        (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
     found = [what for is_new, what in news if is_new]
     return " and ".join(found) or "its own terms only"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
 
 
 def _grouped(number: int) -> str:

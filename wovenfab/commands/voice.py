@@ -15,6 +15,8 @@ FAILED_STEP = 3
 INTERRUPTED = 130
 #: Seconds between two lines of progress in a log.
 PAUSE = 5.0
+#: Share of the program below which nobody can say how long the rest will take.
+UNKNOWN = 0.01
 #: Variables in which MPI's launchers tell a process its rank.
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
 
@@ -37,7 +39,8 @@ class Voice:
         self._speaks = is_first_rank()
         self._bar: Any = None
         self._task: Any = None
-        self._start = self._last = time.monotonic()
+        self._last = time.monotonic()
+        self._done = 0.0
         self._phase = ""
 
     def say(self, text: str) -> None:
@@ -91,23 +94,27 @@ class Voice:
         moment = time.monotonic()
         if now.phase != self._phase:
             self._phase = now.phase
-            self._start = self._last = moment
+            self._last, self._done = moment, now.done
             size = f" ({now.unknowns} unknowns)" if now.unknowns else ""
             self.say(f"{now.phase}{size}")
-        elif moment - self._last > PAUSE and now.step is not None and now.done > 0:
-            self._last = moment
-            left = (moment - self._start) * (1 - now.done) / now.done
-            self.say(f"{now.done:4.0%}  {state}, {duration(left)} left")
+        elif moment - self._last > PAUSE and now.step is not None:
+            speed = (now.done - self._done) / (moment - self._last)
+            left = f", {duration((1 - now.done) / speed)} left" if now.done > UNKNOWN else ""
+            self._last, self._done = moment, now.done
+            self.say(f"{now.done:4.0%}  {state}{left}")
 
 
 def _state(now: Progress) -> str:
     if now.step is None:
         return ""
     step = now.step
-    cut = f", cut back {step.cutbacks} times" if step.cutbacks else ""
-    return (
-        f"step {step.number}: {1e3 * step.displacement:.4g} mm, {step.iterations} iterations{cut}"
-    )
+    cut = f", cut back {_counted(step.cutbacks, 'time')}" if step.cutbacks else ""
+    iterations = _counted(step.iterations, "iteration")
+    return f"step {step.number}: {1e3 * step.displacement:.4g} mm, {iterations}{cut}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def duration(seconds: float) -> str:
