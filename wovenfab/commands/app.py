@@ -23,7 +23,7 @@ from wovenfab.commands.arguments import (
     Page,
     SweepOutput,
 )
-from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice
+from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice, was_interrupted
 
 app = typer.Typer(
     help="Predict how woven fabrics stretch, shear, bend, slip and lose energy to friction.\n\n"
@@ -218,10 +218,10 @@ def main() -> None:
     except CaseError as error:
         voice.problem(str(error))
         sys.exit(BAD_INPUT)
-    except KeyboardInterrupt:
-        voice.problem("interrupted")
-        sys.exit(INTERRUPTED)
-    except Exception:
+    except Exception as error:
+        if was_interrupted(error):
+            voice.problem("interrupted")
+            sys.exit(INTERRUPTED)
         # A fault of the program: say so, and take the other ranks down with this one.
         traceback.print_exc()
         print("wovenfab: this is a fault of the program; please report it.", file=sys.stderr)

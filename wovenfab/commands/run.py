@@ -11,7 +11,7 @@ from typing import Any
 
 from wovenfab.case import read_case
 from wovenfab.commands.sheet import sheet_for
-from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, Voice
+from wovenfab.commands.voice import BAD_INPUT, FAILED_STEP, INTERRUPTED, Voice, was_interrupted
 from wovenfab.commands.wanted import find, report
 from wovenfab.record.results import ResultsExistError, open_results, require_free
 from wovenfab.report.apart import draw_apart
@@ -44,9 +44,9 @@ def run_case(
             voice.say(SLOW_BLAS)
         directory = output or Path("results") / case.name
         try:
+            require_free(directory, overwrite)
             with watch.phase("mesh"):
                 sheet = sheet_for(case, path, overrides)
-            require_free(directory, overwrite)
             found, wanted = None, case.accuracy
             if wanted is not None:
                 with watch.phase("pilot"):
@@ -59,7 +59,13 @@ def run_case(
         except (ResultsExistError, OSError) as error:
             voice.problem(str(error))
             return BAD_INPUT
-        result = run(case, rig, directory, voice.progress, watch)
+        try:
+            result = run(case, rig, directory, voice.progress, watch)
+        except BaseException as error:
+            if not was_interrupted(error):
+                raise
+            voice.problem(f"interrupted; the results so far are in {directory}")
+            return INTERRUPTED
         if found is not None and wanted is not None:
             report(found, wanted, result.summary, directory, voice)
     if case.output.pictures:

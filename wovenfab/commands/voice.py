@@ -31,6 +31,14 @@ def is_first_rank() -> bool:
     return next((os.environ[name] for name in RANKS if name in os.environ), "0") == "0"
 
 
+def was_interrupted(error: BaseException) -> bool:
+    """Return whether Ctrl-C is behind an error: PETSc hands it on as one of its own."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    return cause is not None
+
+
 class Voice:
     """Prints on the first rank only: a live bar on a terminal, plain lines in a log."""
 

@@ -45,7 +45,7 @@ FILES = (
 
 
 class ResultsExistError(Exception):
-    """The results directory holds something that must not be overwritten."""
+    """The results directory holds what must not be overwritten, or cannot be written."""
 
 
 def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> Path:
@@ -63,8 +63,8 @@ def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
         The directory.
 
     Raises:
-        ResultsExistError: The directory is in use; the message says what to do.
-        OSError: It cannot be made or written.
+        ResultsExistError: The directory is in use or cannot be written; the message says
+            what to do.
     """
     directory = Path(path)
     on_root(world() if comm is None else comm, lambda: _prepare(directory, overwrite))
@@ -111,13 +111,17 @@ def _refuse(directory: Path, overwrite: bool) -> None:
 
 def _prepare(directory: Path, overwrite: bool) -> None:
     _refuse(directory, overwrite)
-    directory.mkdir(parents=True, exist_ok=True)
-    if overwrite:
-        _clear(directory)
     try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if overwrite:
+            _clear(directory)
         (directory / MARKER).touch(exist_ok=False)
     except FileExistsError:  # another run was quicker
         raise _exists(directory) from None
+    except OSError as error:
+        raise ResultsExistError(
+            f"{directory} cannot be written ({error.strerror}); choose another directory with -o"
+        ) from None
 
 
 def _clear(directory: Path) -> None:
