@@ -16,19 +16,19 @@ import numpy as np
 from . import needs
 from .boundary import BOTH, Boundary, EdgeCondition, conditions_of
 from .mobility import EDGES, free_motion
+from .numerical_rules import NUMERICAL
 from .problems import near_miss, one_of
 from .program import Hold, Ramp, Segment, Table, reached
 from .rest import GROWING, rest_at_start
 from .sampling import Finding, samples_of, unfit_conditions, unfit_values, unsound_places
 from .scene import Scene
-from .schema import Discretisation, Output, Time, possible_fields
 from .sheet import Rectangle, SheetFile
 
 Rule = Callable[..., Iterator[Finding]]
 
 Program = tuple[Segment, ...]
 
-_RULES: list[Rule] = []
+_RULES: list[Rule] = [rest_at_start, *NUMERICAL]
 
 
 def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
@@ -46,9 +46,6 @@ def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
 def _rule(function: Rule) -> Rule:
     _RULES.append(function)
     return function
-
-
-_rule(rest_at_start)
 
 
 @_rule
@@ -171,16 +168,6 @@ def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 
 
 @_rule
-def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
-    if discretisation.degree < 2 and needs.needs_of_scene(scene).second_gradient:
-        yield (
-            ("discretisation", "degree"),
-            "must be at least 2, because an effect depends on second derivatives",
-            "",
-        )
-
-
-@_rule
 def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
     for i, segment in enumerate(program):
         timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
@@ -210,65 +197,3 @@ def _joints(program: Program) -> Iterator[Finding]:
                 if samples.times[-1] == 0:
                     yield path, "the table has no row after time zero", ""
                 here = samples.displacements[-1]
-
-
-@_rule
-def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
-    if "fields" in output.model_fields_set:
-        possible = possible_fields(needs.needs_of_scene(scene))
-        for i, field in enumerate(output.fields):
-            if field not in possible:
-                yield (("output", "fields", i), f"the effects of this case have no {field}", "")
-
-
-@_rule
-def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Iterator[Finding]:
-    given = discretisation
-    mesh = given.mesh or "fibres"
-    if isinstance(sheet, Rectangle):
-        side = min(sheet.length, sheet.width)
-        if given.mesh_size and given.mesh_size > side:
-            yield (
-                ("discretisation", "mesh_size"),
-                f"is larger than the shorter side, {side:g} m",
-                "",
-            )
-        graded: tuple[str, ...] = ("fibres", "unstructured")
-    else:
-        made = sheet.file.suffix == ".msh"
-        known = ("fibres", "unstructured") if not made else ()
-        graded = ("fibres",) if not made else ()
-        fixed = ("mesh", "mesh_size") if made else () if mesh in known else ("mesh",)
-        for key in fixed:
-            if getattr(given, key) is not None:
-                reason = f"does not apply to {sheet.file.name}"
-                yield ("discretisation", key), reason, "Leave this key out."
-    if given.corner_size and mesh not in graded:
-        reason = f"a mesh that is {mesh} cannot be graded" if given.mesh else "does not apply here"
-        yield ("discretisation", "corner_size"), reason, "Leave this key out."
-    if given.jumps and (mesh != "fibres" or not graded):
-        reason = "placements can jump on a mesh along the fibres alone"
-        yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."
-
-
-@_rule
-def _accuracy(
-    accuracy: float | None, discretisation: Discretisation, time: Time
-) -> Iterator[Finding]:
-    if accuracy is None:
-        return
-    for section, name, keys in (
-        (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
-        (time, "time", ("steps_per_cycle", "tolerance")),
-    ):
-        for key in keys:
-            if key in section.model_fields_set and getattr(section, key) is not None:
-                reason = "is chosen by the program where an accuracy is asked for"
-                yield (name, key), reason, "Leave this key out, or leave 'accuracy' out."
-
-
-@_rule
-def _tolerance(time: Time) -> Iterator[Finding]:
-    if time.tolerance is not None and time.scheme != "bdf2":
-        reason = f"the error of a step is not measured with {time.scheme}"
-        yield ("time", "tolerance"), reason, "Use 'scheme: bdf2', or leave this key out."
