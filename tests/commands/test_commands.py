@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import re
 import subprocess
 import sys
 from math import acos, pi
@@ -71,6 +72,10 @@ def test_a_run_writes_all_its_files_into_results_by_name(folder: Path) -> None:
 def test_history_has_the_promised_columns_and_one_row_a_step(folder: Path) -> None:
     found = rows(folder / "results" / "small")
     assert ",".join(found[0]) == COLUMNS
+    page = (Path(__file__).parents[2] / "docs" / "results.md").read_text()
+    for column in found[0]:
+        general = re.sub("_(bending|shear|stretch|spin_friction)_", "_<effect>_", column)
+        assert f"`{general}`" in page
     assert [int(r["step"]) for r in found] == list(range(17))
     assert [float(found[i]["displacement_m"]) for i in (4, 8, 12, 16)] == [0.01, 0.0, 0.02, 0.0]
 

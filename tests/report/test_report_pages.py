@@ -243,11 +243,15 @@ def test_the_page_of_several_goes_into_the_folder_that_holds_them(tmp_path: Path
 
 
 def test_cases_are_compared_key_by_key() -> None:
-    case = {"sheet": {"length": "0.9 m", "fibres": ["45 deg", 0.1]}, "title": None}
+    case: dict[str, object] = {
+        "sheet": {"length": "0.9 m", "fibres": ["45 deg", 0.1]},
+        "title": None,
+    }
     assert flat(case) == {
         "sheet.length": "0.9 m",
         "sheet.fibres": "45 deg, 0.1",
         "title": "None",
+        "output.pictures": "false",
     }
 
 

@@ -104,8 +104,13 @@ def flat(case: Mapping[str, Any], above: str = "") -> dict[str, str]:
             found |= flat(value, f"{above}{key}.")
         else:
             items = value if isinstance(value, list) else [value]
-            found[f"{above}{key}"] = ", ".join(map(str, items))
+            found[f"{above}{key}"] = ", ".join(map(_written, items))
     return found
+
+
+def _written(value: Any) -> str:
+    """Return a value as one writes it in a case file."""
+    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _fields(runs: Mapping[str, Run]) -> Sequence[Block]:
