@@ -246,6 +246,7 @@ def test_cases_are_compared_key_by_key() -> None:
     case: dict[str, object] = {
         "sheet": {"length": "0.9 m", "fibres": ["45 deg", 0.1]},
         "title": None,
+        "output": {"pictures": False},
     }
     assert flat(case) == {
         "sheet.length": "0.9 m",

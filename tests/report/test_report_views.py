@@ -1,16 +1,18 @@
 """Which times, scales and cells the pictures of a page show."""
 
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.report.sample import make, mesh
 from wovenfab.record.lattice import Lattice
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.stored_fields import StoredFields, read_fields
 from wovenfab.report.curves import energies, losses, parts, solver
 from wovenfab.report.extremes import extremes, largest
-from wovenfab.report.looks import scale_of
+from wovenfab.report.looks import scale_of, telling_field
 from wovenfab.report.mesh import corners
 from wovenfab.report.overlays import cycle_figures, loops
 from wovenfab.report.source import open_source
@@ -71,8 +73,39 @@ def test_signs_that_matter_have_a_scale_with_zero_in_the_middle() -> None:
     assert (dips.norm.vmin, dips.extend) == (0, "both")
 
 
-def test_a_field_of_zeros_has_a_scale() -> None:
-    assert scale_of("beta", "m", [np.zeros(5)]).norm.vmax > 0
+@pytest.mark.parametrize("size", [0.0, 1e-15], ids=["zeros", "round-off"])
+def test_a_field_of_zeros_or_round_off_has_a_scale_that_shows_none(size: float) -> None:
+    scale = scale_of("shear_angle", "rad", [np.linspace(-size, size, 5)])
+    assert (scale.norm.vmin, scale.extend) == (0, "neither")
+    assert scale.norm.vmax > 1
+
+
+@dataclass(frozen=True)
+class Stub(StoredFields):
+    """Fields of which each has one value everywhere."""
+
+    values: dict[str, float] = field(default_factory=dict)
+
+    def field(self, name: str, index: int) -> NDArray[np.float64]:
+        """Return the value of a field at some points."""
+        return np.full(5, self.values[name])
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        ({"shear_angle": 0.2, "stretch_1": 1e-3}, "shear_angle"),
+        ({"shear_angle": 1e-15, "stretch_1": 1e-3}, "stretch_1"),
+        ({"shear_angle": 0.0, "stretch_1": 0.0}, "shear_angle"),
+        ({"displacement": 0.1}, None),
+    ],
+)
+def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
+    values: dict[str, float], told: str | None
+) -> None:
+    none = np.zeros(0)
+    stub = Stub(Path(), none.astype(np.int64), none, dict.fromkeys(values, "1"), values)
+    assert telling_field(stub, 0) == told
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])

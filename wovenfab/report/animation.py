@@ -18,7 +18,8 @@ from PIL import Image
 from wovenfab.record.cycles import window
 from wovenfab.record.provenance import Provenance
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.looks import Scale, colour_bar, painted_fields, scale_of
+from wovenfab.report.extremes import largest
+from wovenfab.report.looks import Scale, colour_bar, scale_of, telling_field
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.source import Source
 from wovenfab.report.stamp import comment
@@ -75,7 +76,7 @@ def _frames(
     source: Source, stored: StoredFields, shown: Sequence[int], span: tuple[float, float]
 ) -> list[Image.Image]:
     """Return a picture of each stored time, given by its place."""
-    name = next(iter(painted_fields(stored)), None)
+    name = telling_field(stored, largest(source, stored).index)
     scale = None
     if name is not None:
         scale = scale_of(name, stored.units[name], [stored.field(name, i) for i in shown])

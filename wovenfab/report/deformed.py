@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.extremes import largest
-from wovenfab.report.looks import Scale, colour_bar, painted_fields, scale_of
+from wovenfab.report.looks import Scale, colour_bar, scale_of, telling_field
 from wovenfab.report.sheet import Sheet, Values, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.source import Source
 from wovenfab.report.style import MILLIMETRE, WIDTH
@@ -20,11 +20,11 @@ def deformed(source: Source, stored: StoredFields) -> Figure:
     """Return the figure: the sheet at the stored time of largest displacement."""
     when = largest(source, stored)
     sheet, subtitle = sheet_at(source, stored, when.index), f"{when.words}, true to scale"
-    names = painted_fields(stored)
-    if not names:
+    name = telling_field(stored, when.index)
+    if name is None:
         return drawn(source.title, subtitle, sheet)
-    values = stored.field(names[0], when.index)
-    scale = scale_of(names[0], stored.units[names[0]], [values])
+    values = stored.field(name, when.index)
+    scale = scale_of(name, stored.units[name], [values])
     return drawn(source.title, subtitle, sheet, scale(values), scale)
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.collections import TriMesh
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from wovenfab.record.stored_fields import StoredFields
@@ -18,6 +19,8 @@ from wovenfab.report.style import DEGREE, Unit, both_ways, fill, readable
 Values = NDArray[np.float64]
 #: Share of the values within the colours; the rest, at corners mostly, takes the last colour.
 SHARE = 99.5
+#: Size of a field (rad, 1, m or 1/m) up to which it is round-off, and shown as none.
+NOTHING = 1e-8
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,13 @@ def painted_fields(stored: StoredFields) -> list[str]:
     return [name for name in LOOKS if name in stored.units]
 
 
+def telling_field(stored: StoredFields, index: int) -> str | None:
+    """Return the first of the painted fields that is not zero at a stored time, if any is."""
+    names = painted_fields(stored)
+    found = (name for name in names if _size(stored.field(name, index)) > NOTHING)
+    return next(found, names[0] if names else None)
+
+
 def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
     """Return the scale on which a field shows alike in several pictures.
 
@@ -81,12 +91,13 @@ def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
     """
     look = LOOKS[name]
     everything = np.concatenate(values)
-    size = float(np.percentile(np.abs(everything), SHARE)) or 1.0
+    size = _size(everything)
+    size = size if size > NOTHING else 1.0
     shown = _unit(unit, size)
     low, high = float(everything.min()), float(everything.max())
     signed = look.signed or low < -0.2 * size
     first = -size if signed else 0.0
-    beyond = (low < first * (1 + 1e-9), high > size * (1 + 1e-9))
+    beyond = (low < first - 1e-9 * size, high > size + 1e-9 * size)
     return Scale(
         label=f"{look.label} ({shown.name})",
         factor=shown.factor,
@@ -119,10 +130,15 @@ def colour_bar(
         ax=axes,
         label=scale.label,
         extend=scale.extend,
+        ticks=MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]),
         shrink=shrink,
         aspect=aspect,
         location="bottom",
     )
+
+
+def _size(values: Values) -> float:
+    return float(np.percentile(np.abs(values), SHARE))
 
 
 def _unit(unit: str, size: float) -> Unit:
