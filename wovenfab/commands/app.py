@@ -118,8 +118,8 @@ def accuracy(
 ) -> None:
     """Show what accuracy costs: errors against time, memory and unknowns, and what is cheapest.
 
-    Each run is a process of its own and is kept: repeat the command to go on after
-    an interruption, or with more minutes to know more.
+    Each run is a process of its own and is kept: repeat the command to go on
+    after an interruption, or with more minutes to know more.
     """
     from wovenfab.commands.accuracy import study_accuracy
 
