@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.factor import Factor, create_direct
-from wovenfab.stepping.march import Step
+from wovenfab.stepping.step import Step
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
 
