@@ -217,7 +217,8 @@ def _rooted[T](
         except GeometryError as error:
             problem = str(error)
         except Exception as error:  # gmsh raises bare Exception
-            problem = f"gmsh cannot mesh {what}: {error}"
+            why = str(error).replace(f"'{what}', ", "")  # gmsh names the file again
+            problem = f"gmsh cannot mesh {what}: {why}"
     problem = comm.bcast(problem)
     try:
         if problem is not None:
