@@ -13,7 +13,7 @@ from wovenfab.sheet.aligned import graded, singular_points
 from wovenfab.sheet.fibre_lines import special_lines
 from wovenfab.sheet.fibre_mesh import fibre_mesh
 from wovenfab.sheet.fibre_spacing import spaced
-from wovenfab.sheet.grading import RATIO, shrunk
+from wovenfab.sheet.grading import RATIO, STEEP, Grading, Layers, grading_of, shrunk
 from wovenfab.sheet.outline import Outline, rectangle_outline
 from wovenfab.sheet.sheet import directions
 
@@ -27,15 +27,16 @@ def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.f
 
 @pytest.mark.parametrize("name", OUTLINES)
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
+@pytest.mark.parametrize("how", [STEEP, grading_of(0.1, 0.1 * RATIO**3)], ids=["steep", "given"])
 def test_a_graded_mesh_covers_the_sheet_without_gaps(
-    name: str, angles: tuple[float, float]
+    name: str, angles: tuple[float, float], how: Grading
 ) -> None:
     outline: Outline = OUTLINES[name]
     fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
-    lines = [special_lines(outline, fibres[a], HOLDS) for a in (0, 1)]
+    lines = special_lines(outline, fibres[0], HOLDS), special_lines(outline, fibres[1], HOLDS)
     offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), 0.1)
     coarse = fibre_mesh(outline, fibres, offsets)
-    points, cells = graded(*coarse, outline, (HOLDS, HOLDS), (3, 1))
+    points, cells = graded(*coarse, outline, (HOLDS, HOLDS), lines, how)
     assert (areas(points, cells) > 0).all()
     assert areas(points, cells).sum() == pytest.approx(outline.polygon.area)
     sides = Counter(
@@ -51,7 +52,7 @@ def test_a_graded_mesh_covers_the_sheet_without_gaps(
     for corner in corners:
         number = int(np.linalg.norm(points - corner, axis=1).argmin())
         there = min(length for side, length in lengths.items() if number in side)
-        assert there < 1.01 * RATIO**3 * before.max()
+        assert there < 1.01 * how.points.ratio**how.points.count * before.max()
 
 
 def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
@@ -62,3 +63,35 @@ def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
     found, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, True, False]))
     assert len(cells) == 3  # a strip of two cells along the side, and the rest
     assert areas(found, cells).max() == pytest.approx((1 - RATIO) ** 2 / 2)
+
+
+@pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
+def test_cells_are_thin_along_both_sides_of_special_fibres(angles: tuple[float, float]) -> None:
+    outline = rectangle_outline(0.9, 0.3)
+    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
+    lines = special_lines(outline, fibres[0], HOLDS), special_lines(outline, fibres[1], HOLDS)
+    offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), 0.1)
+    coarse = fibre_mesh(outline, fibres, offsets)
+    none = Layers(0)
+    alone = Grading(none, STEEP.lines, none)
+    fine = graded(*coarse, outline, (HOLDS, HOLDS), lines, alone)
+    assert sum(len(family.jumps) for family in lines) == 4
+    for family, fibre in zip(lines, fibres, strict=True):
+        for ends in family.jumps:
+            before, after = (_beside(*mesh, ends, fibre) for mesh in (coarse, fine))
+            assert len(after) >= len(before) > 0
+            assert after.max() == pytest.approx(STEEP.lines.ratio * before.max())
+
+
+def _beside(
+    points: NDArray[np.float64],
+    cells: NDArray[np.int64],
+    ends: NDArray[np.float64],
+    fibre: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the thickness (m) across a fibre of the cells with a side on it."""
+    away = (points - ends[0]) @ np.array([-fibre[1], fibre[0]])
+    ahead = (points - ends[0]) @ fibre
+    length = float((ends[1] - ends[0]) @ fibre)
+    on = (np.abs(away) < 1e-9) & (ahead > -1e-9) & (ahead < length + 1e-9)
+    return np.abs(away)[cells[on[cells].sum(axis=1) == 2]].max(axis=1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import ceil, log, sqrt
+from math import sqrt
 
 import basix.ufl
 import numpy as np
@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import cell_partitioner
 from wovenfab.parallel import from_root
-from wovenfab.sheet.fibre_lines import special_lines
+from wovenfab.sheet.fibre_lines import FibreLines, special_lines
 from wovenfab.sheet.fibre_mesh import fibre_mesh
 from wovenfab.sheet.fibre_spacing import spaced
-from wovenfab.sheet.grading import RATIO, shrunk
+from wovenfab.sheet.grading import Grading, grading_of, towards
 from wovenfab.sheet.outline import CORNER, Outline, changes
 from wovenfab.sheet.sheet import Sheet
 
@@ -34,9 +34,6 @@ Array = NDArray[np.float64]
 Holds = Mapping[str, object]
 #: A facet lies on an edge that its middle is this close to, as a share of the extent.
 ON_EDGE = 1e-8
-#: Layers of a graded mesh around singular points and along free edges, unless told otherwise:
-#: with them neither dominates the error for cells between a half and an eighth of the width.
-LAYERS = (4, 2)
 #: Points and cells of a mesh on the ranks that get theirs from another.
 NOTHING: tuple[Array, NDArray[np.int64]] = np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)
 
@@ -65,14 +62,18 @@ def aligned_sheet(
         steep: Whether the mesh is graded where no ``corner_size`` is given: one placement
             is steep at corners and free edges, two slide there instead.
     """
-    lines = [special_lines(outline, fibres[a], holds[a]) for a in (0, 1)]
+    lines = (
+        special_lines(outline, fibres[0], holds[0]),
+        special_lines(outline, fibres[1], holds[1]),
+    )
 
     def build() -> tuple[Array, NDArray[np.int64]]:
         offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), mesh_size / sqrt(2))
         points, cells = fibre_mesh(outline, fibres, offsets)
         if corner_size is None and not steep:
             return points, cells
-        return graded(points, cells, outline, holds, levels_of(mesh_size, corner_size))
+        how = grading_of(mesh_size, corner_size)
+        return graded(points, cells, outline, holds, lines, how)
 
     points, cells = from_root(comm, build, NOTHING)
     mesh = _mesh(comm, points, cells)
@@ -100,45 +101,37 @@ def graded(
     cells: NDArray[np.int64],
     outline: Outline,
     holds: tuple[Holds, Holds],
-    levels: tuple[int, int],
+    lines: tuple[FibreLines, FibreLines],
+    how: Grading,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Return a mesh that shrinks towards singular points and edges that hold nothing.
+    """Return a mesh that shrinks towards singular points, special fibres and free edges.
 
-    At a free edge the stretch of the yarns falls to what the edge allows within a layer of
-    the order of a millimetre, (bending over stretching stiffness)^(1/2).
+    With l = (bending over stretching stiffness)^(1/2), of the order of a millimetre, the
+    stretch of the yarns falls at a free edge to what the edge allows within l. The kink of
+    one placement along a special fibre is spread over (l s)^(1/2) at a distance s from the
+    corner where it starts: bending of the yarns that cross it against stretch of those
+    along it, K_b u,2222 = K_e u,11.
 
     Args:
         points: Vertices, shape (n, 2), m.
         cells: Corners of the triangles, shape (m, 3).
         outline: The sheet.
         holds: For each family, how edges hold it.
-        levels: Layers around the points and along the edges.
+        lines: For each family, its special fibres.
+        how: Layers towards each.
     """
-    reach = ON_EDGE * outline.extent
     near = shapely.MultiPoint(singular_points(outline, holds))
     free = shapely.MultiLineString(
         [(a, b) for a, b, name in outline.segments() if not any(name in h for h in holds)]
     )
-    longest = float(np.linalg.norm(points[cells] - points[np.roll(cells, 1, 1)], axis=2).max())
-    # Layers along edges leave cells whole that points have made smaller than the layer.
-    for towards, count, least in ((near, levels[0], 0.0), (free, levels[1], longest / 2)):
-        for level in range(0 if towards.is_empty else count):
-            on = shapely.distance(shapely.points(points), towards) < reach
-            points, cells = shrunk(points, cells, on, least * RATIO**level)
-    return points, cells
-
-
-def levels_of(mesh_size: float, corner_size: float | None) -> tuple[int, int]:
-    """Return the layers around singular points and along free edges.
-
-    Args:
-        mesh_size: Size of the cells elsewhere, m.
-        corner_size: Size at singular points, m; None for what suits one placement.
-    """
-    if corner_size is None:
-        return LAYERS
-    count = max(0, ceil(log(corner_size / mesh_size) / log(RATIO) - 1e-9))
-    return count, min(count, LAYERS[1])
+    # Rings come first: fibres and edges leave cells whole that are small already. Fibres are
+    # taken one by one, so that cells where two cross are cut across both.
+    fibres = [shapely.LineString(ends) for family in lines for ends in family.jumps]
+    size = float(np.linalg.norm(points[cells] - points[np.roll(cells, 1, 1)], axis=2).max())
+    points, cells = towards(points, cells, near, how.points, size)
+    for fibre in fibres:
+        points, cells = towards(points, cells, fibre, how.lines, size)
+    return towards(points, cells, free, how.edges, size)
 
 
 def name_facets(mesh: Mesh, outline: Outline) -> tuple[MeshTags, dict[str, int]]:

@@ -8,19 +8,103 @@ sides along fibres stay along fibres.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import ceil, log
+
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from wovenfab.sheet.fibre_mesh import quality
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
-#: Share of a side that is left next to the set: geometric meshes gain most from about 0.2.
+#: Share of a side that is left next to the set, unless told otherwise.
 RATIO = 0.25
+#: A vertex lies on a place that it is this close to, as a share of the largest coordinate.
+ON_PLACE = 1e-8
+
+
+@dataclass(frozen=True)
+class Layers:
+    """How often and how fast a mesh shrinks towards a set.
+
+    Attributes:
+        count: Number of layers.
+        ratio: Share of a side that each leaves next to the set.
+        least: Sides that are shorter than this share of the longest one stay whole, and
+            for each further layer than ``ratio`` times that.
+    """
+
+    count: int
+    ratio: float = RATIO
+    least: float = 0.0
+
+
+@dataclass(frozen=True)
+class Grading:
+    """How a mesh shrinks towards what makes the strain of one placement steep.
+
+    Attributes:
+        points: Towards singular points.
+        lines: Towards the special fibres that start there.
+        edges: Towards edges that hold nothing.
+    """
+
+    points: Layers
+    lines: Layers
+    edges: Layers
+
+
+#: What suits one placement with elements of degree 3 and 4, cells of a tenth of the width to
+#: the width. Points: the force still feels rings a hundredth of a cell wide, and sees the
+#: difference between halves and quarters because two cells must span the corner at every
+#: scale. Fibres: one layer is enough, rings have small cells already. Edges: with two, cells
+#: between a half and an eighth of the width are no longer limited by them.
+STEEP = Grading(Layers(8, 0.5), Layers(1, 0.35, 0.25), Layers(2, RATIO, 0.5))
+
+
+def grading_of(mesh_size: float, corner_size: float | None) -> Grading:
+    """Return how a mesh shrinks.
+
+    Args:
+        mesh_size: Size of the cells elsewhere, m.
+        corner_size: Size at singular points, m, which is reached by quarters, without
+            regard to fibres; None for what suits one placement.
+    """
+    if corner_size is None:
+        return STEEP
+    count = max(0, ceil(log(corner_size / mesh_size) / log(RATIO) - 1e-9))
+    edges = Layers(min(count, STEEP.edges.count), RATIO, STEEP.edges.least)
+    return Grading(Layers(count), Layers(0), edges)
+
+
+def towards(
+    points: Array, cells: Triangles, place: shapely.Geometry, layers: Layers, size: float
+) -> tuple[Array, Triangles]:
+    """Return a mesh that shrinks towards a place by layers.
+
+    Args:
+        points: Vertices, shape (n, 2), m.
+        cells: Corners of the triangles, counter-clockwise, shape (m, 3).
+        place: What it shrinks towards: vertices or along sides of the mesh.
+        layers: How often and how fast.
+        size: Longest side before anything shrank, m.
+    """
+    reach = ON_PLACE * float(np.abs(points).max())
+    for level in range(0 if place.is_empty else layers.count):
+        on = shapely.distance(shapely.points(points), place) < reach
+        least = layers.least * size * layers.ratio**level
+        points, cells = shrunk(points, cells, on, least, layers.ratio)
+    return points, cells
 
 
 def shrunk(
-    points: Array, cells: Triangles, on: NDArray[np.bool_], least: float = 0.0
+    points: Array,
+    cells: Triangles,
+    on: NDArray[np.bool_],
+    least: float = 0.0,
+    ratio: float = RATIO,
 ) -> tuple[Array, Triangles]:
     """Return a mesh with one more layer of cells around some vertices.
 
@@ -29,6 +113,7 @@ def shrunk(
         cells: Corners of the triangles, counter-clockwise, shape (m, 3).
         on: Which vertices, shape (n,).
         least: Sides that are shorter stay whole, m.
+        ratio: Share of a side that is left next to those vertices.
     """
     places: list[Array] = list(points)
     cuts: dict[tuple[int, int], int] = {}
@@ -40,7 +125,7 @@ def shrunk(
             if np.linalg.norm(side) < least:
                 return None
             cuts[inner, outer] = len(places)
-            places.append(points[inner] + RATIO * side)
+            places.append(points[inner] + ratio * side)
         return cuts[inner, outer]
 
     found: list[tuple[int, int, int]] = []
