@@ -28,6 +28,8 @@ COARSEST, FINEST, FURTHER = 2, 32, 1.5
 DEGREE, HIGHER, FINE = 3, 4, 0.005
 #: Times the wanted error at which the higher degree, which is dear to compile, is not tried.
 HOPELESS = 2.0
+#: Share of the wanted error that finer cells aim at, so that they do not just miss it.
+SURE = 0.8
 #: An error is at least this share of the change from the degree below, as was seen so far.
 LEFT = 0.04
 #: Time that may be spent on trials of one mesh, s; growth of time with unknowns.
@@ -206,7 +208,7 @@ def _finer(cells: int, error: float | None, wanted: float) -> int:
     """Return the number of cells to try next; errors fall like the cube of their size."""
     if error is None:
         return cells + max(1, cells // 3)
-    needed = ceil(cells * cbrt(error / wanted))
+    needed = ceil(cells * cbrt(error / (SURE * wanted)))
     return max(cells + 1, min(needed, ceil(FURTHER * cells)))
 
 

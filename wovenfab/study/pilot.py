@@ -12,9 +12,9 @@ from wovenfab.study.steps import Tell, steps_for
 
 #: Share of the machine's memory that a run may take.
 ROOM = 0.6
-#: Share of the accuracy that is aimed at, for estimates are not exact; share of that which
-#: elements may use where steps have an error, too.
-AIM, OF_ELEMENTS = 0.7, 0.6
+#: Share of the accuracy that is aimed at, for estimates are not exact; the largest share of that
+#: which elements may use where steps have an error, too: finer cells cost more than more steps.
+AIM, OF_ELEMENTS = 0.7, 0.75
 
 
 def pilot(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) -> Found:

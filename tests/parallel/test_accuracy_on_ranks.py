@@ -1,0 +1,78 @@
+"""A wanted accuracy on several ranks: the same elements, steps, errors and answers as on one."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from wovenfab.case import Case, read_case
+from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.trace import Trace, trace_of
+from wovenfab.study.elements import Found
+from wovenfab.study.error_map import ERRORS, shares, write_errors
+from wovenfab.study.pilot import pilot
+
+pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
+COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
+CONFIGS = Path(__file__).parents[2] / "configs"
+SAME = 1e-6
+
+
+def answer(case: Case, comm: MPI.Comm) -> tuple[Found, Trace, list[str]]:
+    """Return what the pilot finds, the run with it and what was said on the way."""
+    said: list[str] = []
+    found = pilot(case, lambda c: sheet_of(c, comm), said.append)
+    return found, trace_of(found.case, found.sheet), said
+
+
+def relative(found: Found) -> dict[str, float]:
+    assert found.estimate is not None
+    time = found.estimate.time or {}
+    return found.estimate.space | {f"{name} of steps": e for name, e in time.items()}
+
+
+@pytest.mark.parametrize(
+    ("name", "program", "accuracy"),
+    [
+        ("elastic-1x3", "{type: ramp, to: 20 mm, steps: 4}", "1 %"),
+        ("bias-1x3", "{type: cycles, amplitudes: [20 mm], max_velocity: 0.5 m/s}", "5 %"),
+    ],
+)
+def test_a_wanted_accuracy_is_reached_by_the_same_means(
+    name: str, program: str, accuracy: str, tmp_path: Path
+) -> None:
+    overrides = f"accuracy={accuracy}", "discretisation=null", "time=null", f"program={program}"
+    case = read_case(CONFIGS / f"{name}.yaml", overrides)
+    together, trace, said = answer(case, COMM)
+    alone, expected, said_alone = answer(case, ALONE)
+    assert said == said_alone
+    assert together.shortfall == alone.shortfall == ""
+    assert together.case == alone.case
+    assert trace.model.unknowns == expected.model.unknowns
+    assert (trace.steps, trace.iterations) == (expected.steps, expected.iterations)
+    assert trace.figures == pytest.approx(expected.figures, rel=SAME)
+    assert trace.forces == pytest.approx(expected.forces, abs=SAME * abs(expected.forces).max())
+    told, right = relative(together), relative(alone)
+    assert told == pytest.approx(right, rel=1e-3, abs=SAME)  # differences of nearly equal answers
+    assert COMM.allgather((said, told)) == [(said, told)] * COMM.size
+
+    shared = Path(COMM.bcast(str(tmp_path)))
+    assert together.estimate is not None and alone.estimate is not None
+    write_errors(together.estimate, shared)
+    with (shared / ERRORS).open() as file:
+        rows = list(csv.DictReader(file))
+    for column, values in alone.estimate.history().items():
+        scale = SAME * max(abs(values).max(), 1e-3)
+        assert [float(row[column]) for row in rows] == pytest.approx(values, abs=scale)
+    place = together.estimate.ladder.degrees.index(together.estimate.degree)
+    maps = [
+        shares(*(found.estimate.ladder.traces[i].model for i in (place, place + 1)))
+        for found in (together, alone)
+        if found.estimate is not None
+    ]
+    gathered = np.concatenate(COMM.allgather(maps[0]))
+    assert np.sort(gathered) == pytest.approx(np.sort(maps[1]), abs=SAME)
