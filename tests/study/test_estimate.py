@@ -11,9 +11,10 @@ from mpi4py import MPI
 from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import model_of, sheet_of
+from wovenfab.simulation.raised import raised
 from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
 from wovenfab.study.elements import Limits
-from wovenfab.study.error_map import raised, shares
+from wovenfab.study.error_map import shares
 from wovenfab.study.estimate import DISSIPATED, PEAK, Estimate, Ladder, Pair, rung
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
 from wovenfab.study.pilot import pilot
@@ -145,7 +146,7 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
     for model in (low, high):
         values = model.field.x.array.reshape(-1, 2)
         values[:] = cubic(model.placements.positions.T).T
-    assert raised(low, high) == pytest.approx(high.field.x.array, abs=1e-13)
+    assert raised(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
 
 
 def test_the_pilot_reaches_what_it_says() -> None:

@@ -11,6 +11,7 @@ from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import program_of_case
+from wovenfab.simulation.raised import raised
 from wovenfab.simulation.rig import rig_of
 
 Array = NDArray[np.float64]
@@ -34,6 +35,7 @@ class Trace:
         iterations: Newton iterations, all together.
         cutbacks: Rejected attempts: where there are some, there were more steps than planned.
         model: The model, whose field is that of the largest force.
+        states: The field at each time, its unknowns with ghosts.
     """
 
     times: Array
@@ -43,6 +45,7 @@ class Trace:
     iterations: int
     cutbacks: int
     model: Model
+    states: tuple[Array, ...]
 
     @property
     def figures(self) -> dict[str, float]:
@@ -59,6 +62,11 @@ class Trace:
     def crest(self) -> float:
         """Largest force in size (N), between steps, too."""
         return crest_of(self.times, self.forces)
+
+    def state(self, time: float, model: Model) -> Array | None:
+        """Return the field at a time in the unknowns of a model of higher degree, if known."""
+        at = np.flatnonzero(self.times == time)
+        return raised(self.states[at[0]], self.model, model) if len(at) else None
 
 
 def crest_of(times: Array, forces: Array) -> float:
@@ -89,8 +97,14 @@ def _parabola(times: Array, values: Array, at: Array) -> Array:
     return np.asarray(np.polyval(np.polyfit(times - origin, values, 2), at - origin))
 
 
-def trace_of(case: Case, sheet: Sheet) -> Trace:
+def trace_of(case: Case, sheet: Sheet, near: Trace | None = None) -> Trace:
     """Return the answer of a case; collective.
+
+    Args:
+        case: The case.
+        sheet: Its sheet.
+        near: The answer with elements of lower degree on the same mesh: steps to the same
+            times begin there, which takes fewer iterations.
 
     Raises:
         StepFailedError: If a step cannot be made.
@@ -98,10 +112,12 @@ def trace_of(case: Case, sheet: Sheet) -> Trace:
     """
     every = case.time.tolerance is not None
     rows: list[tuple[float, float, float, float]] = []
-    largest, iterations, cutbacks = -1.0, 0, 0
+    states: list[Array] = []
+    iterations, cutbacks = 0, 0
     with rig_of(case, sheet) as rig:
-        field = rig.model.field.x.array
-        state = field.copy()
+        field, model = rig.model.field.x.array, rig.model
+        if near is not None:
+            rig.march.begin_near(lambda time: near.state(time, model))
         for step in rig.march.steps():
             iterations += step.iterations
             cutbacks += step.cutbacks
@@ -109,11 +125,11 @@ def trace_of(case: Case, sheet: Sheet) -> Trace:
                 continue
             force, _ = rig.force(step.reactions)
             rows.append((step.time, step.displacement, force, sum(step.dissipated.values())))
-            if abs(force) > largest:
-                largest, state = abs(force), field.copy()
-        field[:] = state
-    times, displacements, forces, dissipated = np.array(rows).T
-    return Trace(times, displacements, forces, dissipated, iterations, cutbacks, rig.model)
+            states.append(field.copy())
+        times, displacements, forces, dissipated = np.array(rows).T
+        field[:] = states[int(np.abs(forces).argmax())]
+    columns = times, displacements, forces, dissipated
+    return Trace(*columns, iterations, cutbacks, model, tuple(states))
 
 
 def discretised(case: Case, **changes: object) -> Case:

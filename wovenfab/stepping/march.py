@@ -12,7 +12,7 @@ from wovenfab.solver.equilibrium import Equilibrium
 from wovenfab.stepping.account import Account
 from wovenfab.stepping.embedded import Embedded, StepError, rate_error
 from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
-from wovenfab.stepping.motion import Motion
+from wovenfab.stepping.motion import Array, Motion
 from wovenfab.stepping.pace import Pace
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.scheme import Scheme
@@ -74,6 +74,15 @@ class March:
     def measures_errors(self) -> bool:
         """Whether the error of steps in time is measured."""
         return self._embedded is not None
+
+    def begin_near(self, guess: Callable[[float], Array | None]) -> None:
+        """Begin steps from a guess instead of the extrapolated motion.
+
+        Args:
+            guess: Returns the state at the end of a step (unknowns with ghosts, m) from its
+                time (s), or None where it knows none.
+        """
+        self._motion.begin_near(guess)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -51,9 +53,14 @@ class Motion:
         """
         self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
         self._program, self._scheme, self._predicts = program, scheme, predict
+        self._guess: Callable[[float], Array | None] = lambda time: None
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
+
+    def begin_near(self, guess: Callable[[float], Array | None]) -> None:
+        """Begin attempts from a guess where one is known (see ``March.begin_near``)."""
+        self._guess = guess
 
     def begin(self) -> None:
         """Take the present state as the one that the model has always been in."""
@@ -73,7 +80,7 @@ class Motion:
         if model.rate_weights:
             self._set_rate(scheme.weights(step, self._step_before(step, jump)))
         model.last.x.array[:] = self.states[0]
-        self._predict(scheme.stage * step, jump)
+        self._predict(until, scheme.stage * step, jump)
         return self._equilibrium.solve()
 
     def finish(self, until: float, jump: bool) -> Array:
@@ -123,12 +130,16 @@ class Motion:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _predict(self, ahead: float, jump: bool) -> None:
-        """Start from the extrapolated motion, unless that would cross the families."""
+    def _predict(self, until: float, ahead: float, jump: bool) -> None:
+        """Start from a guess or the extrapolated motion, unless that would cross the families."""
         field, step = self._model.field, self._equilibrium.barrier.step
         field.x.array[:] = self.states[0]
-        if not self._predicts or jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]:
+        far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
+        if (guess := self._guess(until)) is not None:
+            step.x.array[:] = self._scheme.stage * (guess - self.states[0])
+        elif far or not self._predicts:
             return
-        step.x.array[:] = extrapolation(self.states, self.steps, ahead)
+        else:
+            step.x.array[:] = extrapolation(self.states, self.steps, ahead)
         if self._equilibrium.barrier.limit() > 2.0:
             field.x.array[:] += step.x.array

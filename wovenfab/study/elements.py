@@ -182,7 +182,7 @@ def _try(search: _Search, trial: Case, sheet: Sheet, skips: bool = True) -> floa
                 search.tell("far too coarse")
                 return None
             search.tell(f"elements: degree {p}, {_unknowns(trial, sheet, p)} unknowns")
-            traces[p] = rung(brief(trial), sheet, p, search.share)
+            traces[p] = rung(brief(trial), sheet, p, search.share, traces.get(p - 1))
             if traces[p].cutbacks and search.share < 1:  # degrees are compared with equal steps
                 search.share *= 2
                 search.tell("once more with twice the steps, for some had to be cut")

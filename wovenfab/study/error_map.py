@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -19,6 +18,7 @@ from wovenfab.record.field_file import ERROR
 from wovenfab.record.fields import FieldSeries
 from wovenfab.record.lattice import Lattice
 from wovenfab.record.results import write_whole
+from wovenfab.simulation.raised import raised
 from wovenfab.study.estimate import Estimate
 
 Array = NDArray[np.float64]
@@ -37,7 +37,7 @@ def shares(low: Model, high: Model) -> Array:
         high: that of higher degree, both with their fields.
     """
     correction = fem.Function(high.space)
-    correction.x.array[:] = high.field.x.array - raised(low, high)
+    correction.x.array[:] = high.field.x.array - raised(low.field.x.array, low, high)
     balance = high.balance
     point, step = balance._point(high.field), balance._vary(correction)
     stored = [t for t in balance.terms if not t.effect.dissipative]
@@ -47,19 +47,6 @@ def shares(low: Model, high: Model) -> Array:
     found = np.abs(fem.assemble_vector(compile_form(test * density * balance._dx)).array[:own])
     whole = high.comm.allreduce(float(found.sum()), op=MPI.SUM)
     return np.asarray(found / whole if whole else found)
-
-
-def raised(low: Model, high: Model) -> Array:
-    """Return the field of the lower degree in the unknowns of the higher."""
-    elements = [
-        basix.ufl.element("Lagrange", "triangle", m.balance.degree).basix_element
-        for m in (low, high)
-    ]
-    table = elements[0].tabulate(0, elements[1].points)[0, :, :, 0]
-    values = low.field.x.array.reshape(-1, 2)[low.placements.blocks]
-    result = np.zeros(high.field.x.array.size).reshape(-1, 2)
-    result[high.placements.blocks] = np.einsum("ij,cjkd->cikd", table, values)
-    return result.ravel()
 
 
 def write_errors(estimate: Estimate, directory: Path) -> None:

@@ -47,9 +47,19 @@ class Ladder:
         }
 
 
-def rung(case: Case, sheet: Sheet, degree: int, share: float = FEW) -> Trace:
-    """Return the answer of a case with another degree and a share of its steps; collective."""
-    return trace_of(discretised(paced(case, share), degree=degree), sheet)
+def rung(
+    case: Case, sheet: Sheet, degree: int, share: float = FEW, below: Trace | None = None
+) -> Trace:
+    """Return the answer of a case with another degree and a share of its steps; collective.
+
+    Args:
+        case: The case.
+        sheet: Its sheet.
+        degree: Of the elements.
+        share: Of the planned steps.
+        below: The answer of a lower degree with the same steps, to begin from.
+    """
+    return trace_of(discretised(paced(case, share), degree=degree), sheet, below)
 
 
 @dataclass(frozen=True)
