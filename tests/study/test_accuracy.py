@@ -74,7 +74,7 @@ def studied(path: Path, budget: float) -> Study:
 
 @pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
-    found = studied(written(tmp_path, SPRINGS), 6.0)
+    found = studied(written(tmp_path, SPRINGS), 12.0)
     compliance = quad(lambda x: 1 / (1e5 * (1 + 0.9 * sin(7 * x))), 0, 1, epsabs=1e-16, limit=200)
     exact = 0.5 * 1e-3 / compliance[0]
     best = found.best["space"][PEAK_FORCE]
@@ -97,7 +97,7 @@ def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
 
 @pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_time_and_together_are_the_true_ones(tmp_path: Path) -> None:
-    found = studied(written(tmp_path, PULL), 30.0)
+    found = studied(written(tmp_path, PULL), 60.0)
     times = np.linspace(0, 2, 4001)
     y, force = bias_pull(0.3, 2.0, times)
     x = 1 + 0.15 * (1 - np.cos(np.pi * times))
