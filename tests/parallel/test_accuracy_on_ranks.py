@@ -16,10 +16,15 @@ from wovenfab.study.elements import Found
 from wovenfab.study.error_map import ERRORS, shares, write_errors
 from wovenfab.study.pilot import pilot
 
-pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
+pytestmark = pytest.mark.mpi
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
 CONFIGS = Path(__file__).parents[2] / "configs"
 SAME = 1e-6
+#: Of an answer, for its errors: differences of answers that are solved to 1e-6, extrapolated.
+ALIKE = 1e-4
+THERE_AND_BACK = "[{to: 20 mm, RAMP}, {to: 0 mm, RAMP}]".replace(
+    "RAMP", "type: ramp, duration: 0.1 s, steps: 8"
+)
 
 
 def answer(case: Case, comm: MPI.Comm) -> tuple[Found, Trace, list[str]]:
@@ -39,7 +44,7 @@ def relative(found: Found) -> dict[str, float]:
     ("name", "program", "accuracy"),
     [
         ("elastic-1x3", "{type: ramp, to: 20 mm, steps: 4}", "1 %"),
-        ("bias-1x3", "{type: cycles, amplitudes: [20 mm], max_velocity: 0.5 m/s}", "5 %"),
+        pytest.param("bias-1x3", THERE_AND_BACK, "10 %", marks=pytest.mark.slow),
     ],
 )
 def test_a_wanted_accuracy_is_reached_by_the_same_means(
@@ -57,7 +62,7 @@ def test_a_wanted_accuracy_is_reached_by_the_same_means(
     assert trace.figures == pytest.approx(expected.figures, rel=SAME)
     assert trace.forces == pytest.approx(expected.forces, abs=SAME * abs(expected.forces).max())
     told, right = relative(together), relative(alone)
-    assert told == pytest.approx(right, rel=1e-3, abs=SAME)  # differences of nearly equal answers
+    assert told == pytest.approx(right, abs=ALIKE)
     assert COMM.allgather((said, told)) == [(said, told)] * COMM.size
 
     shared = Path(COMM.bcast(str(tmp_path)))
@@ -65,9 +70,11 @@ def test_a_wanted_accuracy_is_reached_by_the_same_means(
     write_errors(together.estimate, shared)
     with (shared / ERRORS).open() as file:
         rows = list(csv.DictReader(file))
-    for column, values in alone.estimate.history().items():
-        scale = SAME * max(abs(values).max(), 1e-3)
-        assert [float(row[column]) for row in rows] == pytest.approx(values, abs=scale)
+    history = alone.estimate.history()
+    for column, values in history.items():  # errors are differences of the answers themselves
+        whole = history[column.replace("_error_of_elements", "")]
+        written = np.array([float(row[column]) for row in rows])
+        assert np.abs(written - values).max() <= ALIKE * np.abs(whole).max(), column
     place = together.estimate.ladder.degrees.index(together.estimate.degree)
     maps = [
         shares(*(found.estimate.ladder.traces[i].model for i in (place, place + 1)))

@@ -15,9 +15,10 @@ from wovenfab.simulation.raised import raised
 from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
 from wovenfab.study.elements import Limits
 from wovenfab.study.error_map import shares
-from wovenfab.study.estimate import DISSIPATED, PEAK, Estimate, Ladder, Pair, rung
+from wovenfab.study.estimate import DISSIPATED, PEAK, Estimate, Ladder, Pair, rung, worst
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
 from wovenfab.study.pilot import pilot
+from wovenfab.study.steps import steps_for
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 #: Between these an estimate over the true error is useful.
@@ -195,6 +196,18 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked() -> None:
     print(f"{found.case.discretisation}, {trace.steps} steps, true errors {errors}")
     assert max(errors) < 0.05
     assert found.case.time.tolerance is not None
+
+
+def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
+    """A ramp of few steps, whose first two trials both have the fewest that there are."""
+    ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
+    case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
+    said: list[str] = []
+    found = steps_for(case, brief(case), sheet(case), 0.05, said.append)
+    first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in said[:3])
+    assert first == second < third
+    assert found is not None
+    assert abs(worst(found.errors)) <= 0.05
 
 
 @pytest.mark.parametrize("kink", [0.0, 0.1])

@@ -59,4 +59,6 @@ def report(
             f"{words}: estimated error {error['relative_error']:.2%} ({error['error']:.3g} {unit})"
         )
     if found.shortfall:
-        voice.say(f"warning: the accuracy of {wanted:.3g} is not reached: {found.shortfall}")
+        voice.say(
+            f"warning: the accuracy of {100 * wanted:.3g} % is not reached: {found.shortfall}"
+        )

@@ -150,6 +150,8 @@ def elements_for(
             assert search.best is not None
             return search.best
         if not is_sized(case):
+            if search.best is not None:
+                search.reason = "the mesh is given, so that only degrees could be tried"
             break
         search.took(unknowns, _slowest(sheet, perf_counter() - begun))
         cells = _finer(cells, error, wanted)

@@ -101,7 +101,7 @@ def _enough(
             fewer = None
             continue
         tell(f"{kind.__name__.replace('_', ' ')}: {more.steps}, {more.iterations} iterations")
-        if fewer is not None:
+        if fewer is not None and more.steps > fewer.steps:  # as many tell nothing
             errors = Pair(fewer, more, order).errors()
             need = (worst(errors) / wanted) ** (1 / order)
             far = need > FAR and level + 1 < TRIALS
