@@ -13,9 +13,9 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.factor import Factor, create_direct
-from wovenfab.stepping.step import Step
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import Step
 
 SIZE = 60
 RENEW = Factor._renew
