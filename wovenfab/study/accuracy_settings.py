@@ -14,7 +14,7 @@ from wovenfab.stepping.scheme import SCHEMES
 _FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
 #: Planned steps of a study's first run in time, as a share of the case's.
 COARSEST = 1 / 4
-#: Smallest cells over cells elsewhere where corners are graded, at two cells across: then it
+#: Smallest cells over cells elsewhere where corners alone are graded, at two cells across: then it
 #: falls with the mesh size, since corners are singular and elements of higher order feel it.
 _GRADING = 1 / 4
 
@@ -123,13 +123,13 @@ class Steps:
 def space_methods(case: Case) -> list[Method]:
     """Return the methods in space that are worth comparing for a case; its own is among them.
 
-    Degree, mesh along the fibres or not, and what the singularities ask for: jumps of two
-    placements, cells graded towards the corners for one.
+    Degree, mesh along the fibres or not, and with or without a part of what the singularities
+    ask for: jumps of two placements, and for one, cells that are graded by themselves or
+    towards the corners alone.
     """
     two = case.needs.placements == 2
-    special = "jumps" if two else "graded"
-    kinds = [("fibres", degree, special) for degree in (2, 3, 4)]
-    kinds += [("fibres", 3, "plain"), ("crossed", 2, "")]
+    kinds = [("fibres", degree, "default") for degree in (2, 3, 4)]
+    kinds += [("fibres", 3, "no jumps" if two else "corners alone"), ("crossed", 2, "")]
     if not isinstance(case.sheet, Rectangle):
         kinds = [("unstructured" if k == "crossed" else k, d, s) for k, d, s in kinds]
     methods = [_method(case, *kind) for kind in kinds]
@@ -143,11 +143,9 @@ def space_methods(case: Case) -> list[Method]:
 
 
 def _method(case: Case, mesh: str, degree: int, kind: str) -> Method:
-    words = {"jumps": "on fibres", "plain": "on fibres", "graded": "on fibres, graded"}
-    name = f"P{degree} {words.get(kind, mesh)}"
-    if kind == "plain" and case.needs.placements == 2:
-        name += ", no jumps"
-    jumps = "false" if kind == "plain" and case.needs.placements == 2 else "null"
+    words = {"default": "on fibres", "": mesh}
+    name = f"P{degree} {words.get(kind, f'on fibres, {kind}')}"
+    jumps = "false" if kind == "no jumps" else "null"
     where = mesh if isinstance(case.sheet, Rectangle) or mesh == "fibres" else "unstructured"
     overrides = (
         f"discretisation.mesh={where}",
@@ -158,7 +156,7 @@ def _method(case: Case, mesh: str, degree: int, kind: str) -> Method:
         "discretisation.quadrature_degree=auto",
     )
     return Method(
-        name, overrides, degree, _first(case, mesh), _GRADING if kind == "graded" else 0.0
+        name, overrides, degree, _first(case, mesh), _GRADING if kind == "corners alone" else 0.0
     )
 
 
