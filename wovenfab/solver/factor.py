@@ -130,6 +130,10 @@ class Factor:
             self._pc.reset()
         self._made, self._solved = -1, 0
 
+    def view(self, viewer: Any) -> None:
+        """Describe the solver to a PETSc viewer; collective."""
+        self._direct.view(viewer)
+
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         for item in (self._gradients, self._direct, *(self._rest or ())):

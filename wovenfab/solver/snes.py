@@ -50,6 +50,10 @@ class _Linear:
         """Solve one."""
         ksp.setConvergedReason(self._factor.solve(b, x))
 
+    def view(self, ksp: Any, viewer: Any) -> None:
+        """Describe what solves it, as ``-snes_view`` asks."""
+        self._factor.view(viewer)
+
 
 def create_snes(comm: MPI.Comm, controls: Controls, factor: Factor) -> Any:
     """Return Newton's method, its systems solved by a factor; collective.
