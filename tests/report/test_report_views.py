@@ -97,6 +97,7 @@ class Stub(StoredFields):
         ({"shear_angle": 0.2, "stretch_1": 1e-3}, "shear_angle"),
         ({"shear_angle": 1e-15, "stretch_1": 1e-3}, "stretch_1"),
         ({"shear_angle": 0.0, "stretch_1": 0.0}, "shear_angle"),
+        ({"shear_angle": 1e-9, "beta": 1e-9}, "beta"),  # of a sheet of a millimetre
         ({"displacement": 0.1}, None),
     ],
 )
@@ -104,7 +105,8 @@ def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
     values: dict[str, float], told: str | None
 ) -> None:
     none = np.zeros(0)
-    stub = Stub(Path(), none.astype(np.int64), none, dict.fromkeys(values, "1"), values)
+    units = {name: "m" if name == "beta" else "1" for name in values}
+    stub = Stub(Path(), none.astype(np.int64), none, units, values)
     assert telling_field(stub, 0) == told
 
 

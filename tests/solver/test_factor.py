@@ -165,10 +165,18 @@ def test_a_march_with_kept_factors_is_the_same_and_saves_most_factorisations() -
 
 def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
     model = scenes.model(scenes.sheet(fibres=scenes.ALONG), scenes.BONDED, scenes.PROTOTYPE)
-    program = program_of([ramp(0.0, 1e-4, 1.0, 16)])
-    where = []
-    for least in (0.0, inf):
+    program = program_of([ramp(0.0, 1e-4, 1.0, 64)])
+    where, refined = [], []
+    refine = Factor._refine
+
+    def counting(self: Factor, b: Any, x: Any, accuracy: float) -> bool:
+        refined.append(accuracy)
+        return refine(self, b, x, accuracy)
+
+    for least in (inf, 0.0):
+        assert not refined
         with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(Factor, "_refine", counting)
             patch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)
             with pytest.raises(StabilityLostError) as error:
                 scenes.march(
@@ -178,4 +186,5 @@ def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
         loss = error.value.loss
         where.append(loss.time)
         assert loss.negatives == 1
+    assert len(refined) > 5  # else the way there would be the same without
     assert where[0] == pytest.approx(where[1], rel=1e-3)

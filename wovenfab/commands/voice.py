@@ -107,7 +107,8 @@ class Voice:
             self.say(f"{now.phase}{size}")
         elif moment - self._last > PAUSE and now.step is not None:
             speed = (now.done - self._done) / (moment - self._last)
-            left = f", {duration((1 - now.done) / speed)} left" if now.done > UNKNOWN else ""
+            known = now.done > UNKNOWN and speed > 0
+            left = f", {duration((1 - now.done) / speed)} left" if known else ""
             self._last, self._done = moment, now.done
             self.say(f"{now.done:4.0%}  {state}{left}")
 

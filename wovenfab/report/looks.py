@@ -19,8 +19,9 @@ from wovenfab.report.style import DEGREE, Unit, both_ways, fill, readable
 Values = NDArray[np.float64]
 #: Share of the values within the colours; the rest, at corners mostly, takes the last colour.
 SHARE = 99.5
-#: Size of a field (rad, 1, m or 1/m) up to which it is round-off, and shown as none.
-NOTHING = 1e-8
+#: Size of a field up to which it is round-off, and shown as none; lengths depend on the sheet's,
+#: which may be small, too.
+NOTHING = {"rad": 1e-8, "1": 1e-8, "1/m": 1e-8, "m": 1e-13}
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,9 @@ def painted_fields(stored: StoredFields) -> list[str]:
 def telling_field(stored: StoredFields, index: int) -> str | None:
     """Return the first of the painted fields that is not zero at a stored time, if any is."""
     names = painted_fields(stored)
-    found = (name for name in names if _size(stored.field(name, index)) > NOTHING)
+    found = (
+        name for name in names if _size(stored.field(name, index)) > NOTHING[stored.units[name]]
+    )
     return next(found, names[0] if names else None)
 
 
@@ -92,7 +95,7 @@ def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
     look = LOOKS[name]
     everything = np.concatenate(values)
     size = _size(everything)
-    size = size if size > NOTHING else 1.0
+    size = size if size > NOTHING[unit] else 1.0
     shown = _unit(unit, size)
     low, high = float(everything.min()), float(everything.max())
     signed = look.signed or low < -0.2 * size
