@@ -58,18 +58,23 @@ def factor() -> Iterator[Counting]:
     matrix.destroy()
 
 
+def dense(shift: float) -> Any:
+    """Return the matrix of ``laplacian``, whole."""
+    full = np.diag(np.full(SIZE, 2.0 + shift)) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1)
+    full[0], full[:, 0], full[0, 0] = 0.0, 0.0, 1.0
+    return full
+
+
 def solve(factor: Factor, shift: float) -> tuple[Any, Any]:
     """Give the factor's matrix another diagonal; return the solution and the exact one."""
     matrix = factor._matrix
     fresh = laplacian(shift)
     fresh.copy(matrix, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
     fresh.destroy()
-    full = np.diag(np.full(SIZE, 2.0 + shift)) - np.eye(SIZE, k=1) - np.eye(SIZE, k=-1)
-    full[0], full[:, 0], full[0, 0] = 0.0, 0.0, 1.0
     b, x = matrix.createVecs()
     b.array_w[:] = np.random.default_rng(1).standard_normal(SIZE)
     assert factor.solve(b, x) > 0
-    found, exact = np.array(x.array_r), np.linalg.solve(full, b.array_r)
+    found, exact = np.array(x.array_r), np.linalg.solve(dense(shift), b.array_r)
     b.destroy()
     x.destroy()
     return found, exact
@@ -90,6 +95,20 @@ def test_a_matrix_that_is_not_definite_gets_its_own_factor(factor: Counting) -> 
     assert found == pytest.approx(exact, rel=1e-9)
     solve(factor, 0.5)  # nor is that factor one for gradients
     assert factor.made == 3
+
+
+@pytest.mark.parametrize("shift", [-0.5, -1.9, -1.999, -2.05, -3.9])
+def test_negative_eigenvalues_are_counted_though_definite_matrices_came_first(shift: float) -> None:
+    matrix = laplacian(0.5)
+    factor = Counting(create_direct(matrix.comm), matrix)
+    solve(factor, 0.5)
+    assert factor.negatives == 0
+    for diagonal in (shift, 0.5, shift):  # some have pivots of nothing on their diagonal
+        found, exact = solve(factor, diagonal)
+        assert factor.negatives == np.count_nonzero(np.linalg.eigvalsh(dense(diagonal)) < 0)
+        assert found == pytest.approx(exact, rel=1e-9)
+    factor.destroy()
+    matrix.destroy()
 
 
 def test_a_factor_too_old_is_made_anew_and_not_tried_at_once_again(factor: Counting) -> None:

@@ -5,6 +5,10 @@ it is; but tangents change little from one Newton step to the next. An older fac
 preconditions conjugate gradients, which need the more iterations the older it is. It is made
 anew where the next system is expected to cost more than all have cost on average since the
 last factorisation, that itself included: there the average is least.
+
+Tangents of minima are positive: pivots need no search, which takes a part of the time, more of
+it on several ranks. The first tangent that has a negative pivot after all is factorised again
+with a search, and so are all later ones: only then are their numbers to be relied upon.
 """
 
 from __future__ import annotations
@@ -18,8 +22,11 @@ from petsc4py import PETSc
 Reason = PETSc.KSP.ConvergedReason
 #: Of MUMPS: status, number of negative pivots, entries of the factor, operations for it.
 STATUS, NEGATIVE, ENTRIES, OPERATIONS = 1, 12, 29, 3
-#: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
-COUNT_NULL = 24
+#: Of MUMPS: null pivots are counted apart instead of ending the factorisation; the last
+#: block is left to MUMPS itself, which else does not count its negative pivots.
+COUNT_NULL, OWN_ROOT = 24, 13
+#: Status of MUMPS where pivots are null, or not positive in the last block.
+NOT_POSITIVE = (-10, -40)
 #: Operations for an entry of the factor that take as long as to use the entry in an iteration.
 OPERATIONS_PER_USE = 40.0
 #: Error of a solution in the norm of energy, relative: beyond what Newton's steps can tell.
@@ -67,8 +74,10 @@ class Factor:
         self.definite = True
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
+        self._root_is_given = PETSc.Options().hasName(f"mat_mumps_icntl_{OWN_ROOT}")
         self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
         self.counts = self.method == ("preonly", "cholesky", "mumps")
+        self._positive = self.counts  # whether all were so far
         self._gradients = PETSc.KSP().create(matrix.comm)
         self._gradients.setType("cg")
         self._gradients.setNormType(PETSc.KSP.NormType.NATURAL)
@@ -154,8 +163,11 @@ class Factor:
 
     def _renew(self) -> None:
         self._pc.setReusePreconditioner(False)
-        self._direct.setOperators(self._matrix)
-        self._direct.setUp()
+        self._factorise()
+        if self._positive and (self.negatives or self.status in NOT_POSITIVE):
+            self._positive = False
+            self._pc.reset()
+            self._factorise()
         self._made = self._matrix.stateGet()
         if self.counts:
             entries = self._told(ENTRIES)
@@ -163,6 +175,15 @@ class Factor:
             operations = self._pc.getFactorMatrix().getMumpsRinfog(OPERATIONS)
             self._cost = operations / (OPERATIONS_PER_USE * max(entries, 1))
         self._spent, self._solved, self._last = self._cost, 0, 0
+
+    def _factorise(self) -> None:
+        if self.counts:
+            self._matrix.setOption(PETSc.Mat.Option.SPD, self._positive)
+        self._direct.setOperators(self._matrix)
+        if self.counts and not self._root_is_given:
+            self._pc.setFactorSetUpSolverType()
+            self._pc.getFactorMatrix().setMumpsIcntl(OWN_ROOT, int(not self._positive))
+        self._direct.setUp()
 
     def _refine(self, b: Any, x: Any, accuracy: float) -> bool:
         """Solve with an older factor; return whether that has succeeded.
