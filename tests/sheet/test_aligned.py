@@ -7,45 +7,14 @@ import pytest
 import shapely
 from mpi4py import MPI
 
+from tests.outlines import HOLDS, SHAPES, tee, with_hole
 from wovenfab.sheet.aligned import aligned_sheet, singular_points
 from wovenfab.sheet.fibre_lines import across, special_lines
 from wovenfab.sheet.fibre_mesh import divided, fibre_mesh, quality
 from wovenfab.sheet.fibre_spacing import evenly, spaced
-from wovenfab.sheet.outline import Outline, Ring, outline_of, rectangle_outline
+from wovenfab.sheet.outline import Outline, outline_of, rectangle_outline
 from wovenfab.sheet.sheet import directions
 
-HOLDS = {"left": "clamp", "right": "clamp"}
-
-
-def with_hole(segments: int = 24) -> Outline:
-    """Return a rectangle with a circular hole."""
-    angles = np.linspace(0, -2 * np.pi, segments, endpoint=False)
-    hole = np.array([0.4, 0.14]) + 0.05 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    return Outline((*rectangle_outline(0.9, 0.3).rings, Ring(hole, (None,) * segments)))
-
-
-def tee() -> Outline:
-    """Return a T with two re-entrant corners at (0.6, 0.3) and (0.3, 0.3)."""
-    points = [
-        (0, 0),
-        (0.9, 0),
-        (0.9, 0.3),
-        (0.6, 0.3),
-        (0.6, 0.5),
-        (0.3, 0.5),
-        (0.3, 0.3),
-        (0, 0.3),
-    ]
-    names = (None, "right", None, None, None, None, None, "left")
-    return Outline((Ring(np.array(points, dtype=float), names),))
-
-
-SHAPES = {
-    "rectangle": rectangle_outline(0.9, 0.3),
-    "sides that do not fit": rectangle_outline(0.87, 0.31),
-    "hole": with_hole(),
-    "re-entrant corners": tee(),
-}
 ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 
 

@@ -10,12 +10,13 @@ import pytest
 from mpi4py import MPI
 
 from tests import scenes
+from tests.outlines import HOLDS, SHAPES, tee, with_hole
 from wovenfab.model.model import Numerics
+from wovenfab.model.placements import placements_on
 from wovenfab.sheet.aligned import aligned_sheet
-from wovenfab.sheet.outline import rectangle_outline
+from wovenfab.sheet.outline import Outline, rectangle_outline
 from wovenfab.sheet.sheet import Sheet, directions
 
-HOLDS = {"left": "clamp", "right": "clamp"}
 #: Force (N) of the 1:3 sheet at 20 mm, elastic, that these meshes converge to.
 LIMIT = 122.110
 
@@ -100,6 +101,52 @@ def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
     assert min(max(g) for g in gaps) > 2e-4  # of the order of the slip, about a millimetre
 
 
+@pytest.mark.parametrize("angles", [(45, -45), (30, -60), (0, 90)], ids=str)
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
+def test_cells_that_share_a_value_have_yarns_in_common(
+    shape: Outline, angles: tuple[float, float]
+) -> None:
+    """They are joined through edges of cells: none touch at a corner or a hole alone."""
+    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
+    on = aligned_sheet(MPI.COMM_SELF, shape, fibres, (HOLDS, HOLDS), 0.1)
+    placements = placements_on(on.mesh, 2, 2, on.jumps)
+    assert np.array_equal(np.unique(placements.blocks), np.arange(len(placements.positions)))
+    topology = on.mesh.topology
+    topology.create_connectivity(1, 2)
+    facets = topology.connectivity(1, 2)
+    pairs = [p for f in range(topology.index_map(1).size_local) if len(p := facets.links(f)) == 2]
+    for blocks in np.moveaxis(placements.blocks, 2, 0):
+        share = [np.intersect1d(blocks[one], blocks[other]) for one, other in pairs]
+        joined = [pair for pair, shared in zip(pairs, share, strict=True) if len(shared) == 3]
+        used = [(block, cell) for cell, own in enumerate(blocks) for block in own]
+        users: dict[int, set[int]] = {}
+        for block, cell in used:
+            users.setdefault(int(block), set()).add(cell)
+        for cells in users.values():
+            seen, new = set(), {min(cells)}
+            while new:
+                seen |= new
+                near = {int(c) for pair in joined if new & {*map(int, pair)} for c in pair}
+                new = (near & cells) - seen
+            assert seen == cells
+
+
+@pytest.mark.parametrize(
+    ("shape", "angles"), [(tee(), (45, -45)), (with_hole(), (45, -45)), (tee(), (30, -60))]
+)
+def test_sheets_with_notches_and_holes_converge_as_well(
+    shape: Outline, angles: tuple[float, float]
+) -> None:
+    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
+    forces = []
+    for mesh_size in (0.1, 0.05):
+        on = aligned_sheet(MPI.COMM_SELF, shape, fibres, (HOLDS, HOLDS), mesh_size)
+        count, force = pulled(on, 4)
+        print(f"{count} unknowns: {force:.4f} N")
+        forces.append(force)
+    assert forces[0] == pytest.approx(forces[1], rel=5e-4)
+
+
 def test_without_lines_the_space_is_the_usual_one() -> None:
     on = sheet(0.15)
     bare = replace(on, jumps=(np.zeros((0, 2, 2)), np.zeros((0, 2, 2))))
@@ -112,11 +159,14 @@ def test_without_lines_the_space_is_the_usual_one() -> None:
 
 @pytest.mark.mpi
 @pytest.mark.mpi4
-def test_jumps_are_the_same_on_all_ranks() -> None:
+@pytest.mark.parametrize("shape", [SHAPES["rectangle"], tee(), with_hole()])
+def test_jumps_are_the_same_on_all_ranks(shape: Outline) -> None:
     comm = MPI.COMM_WORLD
+    fibres = directions((np.radians(45), np.radians(-45)))
     found = []
     for where in (comm, MPI.COMM_SELF):
-        model = scenes.model(sheet(0.1, comm=where), scenes.COUPLED, Numerics(3))
+        on = aligned_sheet(where, shape, fibres, (HOLDS, HOLDS), 0.1)
+        model = scenes.model(on, scenes.COUPLED, Numerics(3))
         force = scenes.force(model, scenes.PULL, 0.02)["right"][0]
         found.append((model.unknowns, model.placements.doubled, force))
     assert found[0][:2] == found[1][:2]

@@ -1,7 +1,8 @@
-"""How time and memory grow with the unknowns, and what a second rank brings."""
+"""How time and memory grow with the unknowns, and what a second rank brings and could bring."""
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from wovenfab.bench.figure import Figure
@@ -33,6 +34,12 @@ def growth() -> list[Figure]:
     _draw(samples, seconds, memory)
     print(f"picture: {PICTURE}")
     one, two = _run(COMPARED), _run(COMPARED, ranks=2)
+    with ThreadPoolExecutor(2) as pool:
+        slower = max(s.seconds for s in pool.map(_run, (COMPARED, COMPARED))) / one.seconds
+    print(
+        f"two runs at once, of 1 rank each, take {slower:.2f} times as long as one by itself: "
+        f"on this machine 2 ranks can be {2 / slower:.2f} times as fast as 1"
+    )
     renewed = _run(COMPARED, settings=("solver.factor=renewed",))
     meaning = f"fit over {unknowns[0]} to {unknowns[-1]} unknowns, degree 3, MUMPS, 1 rank"
     return [

@@ -3,7 +3,7 @@
 The energy differentiates chi_a along D_a only, so that chi_a may jump at no cost across
 a fibre of family a; where yarns of one family stop being held alike, it does. Along such
 lines the nodes of that family are doubled in the dof map: the cells on either side have
-their own. Kernels stay what they are, and so does everything away from the lines.
+their own (cut.py). Kernels stay what they are, and so does everything away from the lines.
 """
 
 from __future__ import annotations
@@ -21,13 +21,12 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.compat import space_with
+from wovenfab.model.cut import MOST, Cut, cut_along
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 #: Lines on which the placement of each family may jump: end points, shape (n, 2, 2), m.
 Lines = Sequence[Array]
-#: Largest distance of a node from a line that it lies on, as a share of the largest coordinate.
-ON_LINE = 1e-8
 NO_LINES: Array = np.zeros((0, 2, 2))
 
 
@@ -111,73 +110,32 @@ def placements_on(
     if count == 1:
         space = fem.functionspace(mesh, element)
         return Placements(space, count, places, nodes[:, :, None], (space, space))
-    cut = [_Cut.along(scalar, places, np.reshape(lines, (-1, 2, 2))) for lines in jumps]
+    cut = [cut_along(scalar, places, np.reshape(lines, (-1, 2, 2))) for lines in jumps]
     return _doubled(scalar, element, places, cut, degree)
 
 
-@dataclass(frozen=True)
-class _Cut:
-    """Which nodes a family has twice, and which cells see the second copy.
-
-    Attributes:
-        twice: For each local node, whether it has two copies.
-        second: For each local cell and node, whether it uses the second.
-    """
-
-    twice: NDArray[np.bool_]
-    second: NDArray[np.bool_]
-
-    @staticmethod
-    def along(scalar: fem.FunctionSpace, places: Array, lines: Array) -> _Cut:
-        """Cut along lines, shape (n, 2, 2); collective."""
-        mesh, nodes = scalar.mesh, scalar.dofmap.list
-        corners = mesh.geometry.x[mesh.geometry.dofmap][:, :, :2]
-        centres = corners.mean(axis=1)
-        slack = ON_LINE * _extent(mesh)
-        beyond, twice = np.zeros(nodes.shape, dtype=bool), np.zeros(len(places), dtype=bool)
-        own = mesh.topology.index_map(2).size_local
-        for start, end in lines:
-            ahead = (end - start) / np.linalg.norm(end - start)
-            across = np.array([-ahead[1], ahead[0]])
-            half, middle = np.linalg.norm(end - start) / 2, (start + end) / 2
-            on = np.abs((places - middle) @ across) < slack
-            on &= np.abs((places - middle) @ ahead) < half + slack
-            left = (centres - start) @ across > 0
-            sides = []
-            for side in (left, ~left):
-                seen = fem.Function(scalar)
-                seen.x.array[np.unique(nodes[:own][side[:own]])] = 1.0
-                seen.x.scatter_reverse(la.InsertMode.add)
-                seen.x.scatter_forward()
-                sides.append(seen.x.array > 0)
-            # The end of a line may be seen from one side only, where the sheet ends.
-            on &= sides[0] & sides[1]
-            twice |= on
-            beyond |= on[nodes] & left[:, None]
-        return _Cut(twice, beyond)
-
-
 def _doubled(
-    scalar: fem.FunctionSpace, element: Any, places: Array, cuts: Sequence[_Cut], degree: int
+    scalar: fem.FunctionSpace, element: Any, places: Array, cuts: Sequence[Cut], degree: int
 ) -> Placements:
     """Return the space of two placements with doubled nodes; collective.
 
-    Both families of a node are numbered together, second copies after all others.
+    Both families of a node are numbered together, further copies after all others.
     """
     mesh, nodes, old = scalar.mesh, scalar.dofmap.list, scalar.dofmap.index_map
     own, ghosts = old.size_local, old.num_ghosts
-    size = 2 * own + sum(int(cut.twice[:own].sum()) for cut in cuts)
+    size = 2 * own + sum(int((cut.copies[:own] - 1).sum()) for cut in cuts)
     first = int(mesh.comm.exscan(size) or 0)
-    numbers: list[Any] = []  # local number of first and second copies by family
+    numbers: list[Any] = []  # local numbers of the copies by family
     ghost_numbers, ghost_owners = [], []
     next_own, next_ghost = 2 * own, size
     for family, cut in enumerate(cuts):
         copies = []
-        for which, there in enumerate((np.ones(own + ghosts, dtype=bool), cut.twice)):
+        for which in range(MOST):
+            there = cut.copies > which
             local = np.full(own + ghosts, -1, dtype=np.int32)
             mine = np.flatnonzero(there[:own])
             local[mine] = 2 * mine + family if which == 0 else next_own + np.arange(len(mine))
-            next_own += len(mine) * which
+            next_own += len(mine) if which else 0
             everywhere = fem.Function(scalar)
             everywhere.x.array[:own] = first + local[:own]
             everywhere.x.scatter_forward()
@@ -196,7 +154,7 @@ def _doubled(
     )
     blocks = np.stack(
         [
-            np.where(cut.second, copies[1][nodes], copies[0][nodes])
+            np.choose(cut.which, [local[nodes] for local in copies])
             for cut, copies in zip(cuts, numbers, strict=True)
         ],
         axis=2,
@@ -214,8 +172,3 @@ def _doubled(
     )
     families = (first_family, second_family)
     return Placements(space, 2, positions, blocks, families, doubled)
-
-
-def _extent(mesh: Mesh) -> float:
-    """Return the largest distance from the origin, which rounds all positions; collective."""
-    return float(mesh.comm.allreduce(np.abs(mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
