@@ -19,7 +19,7 @@ from wovenfab.case import CaseError, read_case
 from wovenfab.commands.accuracy import study_accuracy
 from wovenfab.study.accuracy import TARGETS, study
 from wovenfab.study.accuracy_climb import Runner
-from wovenfab.study.accuracy_error import Ladder, best_of, combined, order_of, own_error
+from wovenfab.study.accuracy_error import Ladder, best_of, order_of, own_error
 from wovenfab.study.accuracy_keep import KeptRuns
 from wovenfab.study.accuracy_result import Study
 from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure, peak_of
@@ -155,16 +155,6 @@ def test_a_method_that_converges_to_something_else_is_not_believed() -> None:
     best = best_of([right, wrong])
     assert best.method == "wrong"
     assert best.error == pytest.approx(0.91 - 0.1)
-
-
-def test_both_errors_together_cover_the_answer_to_a_product_and_its_mixed_part() -> None:
-    def value(h: float, k: float) -> float:
-        return 3 * (1 + 0.1 * h) * (1 + 0.2 * k) + 0.02 * h * k
-
-    space = best_of([Ladder("s", (1, 0.5, 0.25), tuple(value(h, 1) for h in (1, 0.5, 0.25)), 1)])
-    time = best_of([Ladder("t", (1, 0.5, 0.25), tuple(value(1, k) for k in (1, 0.5, 0.25)), 1)])
-    both = combined(space, time, value(1, 1))
-    assert abs(both.value - value(0, 0)) <= both.error < 0.5
 
 
 def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:

@@ -77,7 +77,7 @@ def study_accuracy(
         voice.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED
     if runner.kept:
-        voice.say(f"{runner.kept} of {len(found.runs) + len(found.failed)} runs were there already")
+        voice.say(f"{runner.kept} of {runner.asked} runs were there already")
     write_csv(found, directory)
     if not found.space:
         voice.problem(f"every run failed; the reasons are in {directory}")

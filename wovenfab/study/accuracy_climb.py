@@ -9,7 +9,8 @@ from math import inf, sqrt
 from pathlib import Path
 
 from wovenfab.case import CaseError, read_case
-from wovenfab.study.accuracy_error import own_error
+from wovenfab.study.accuracy_error import best_of
+from wovenfab.study.accuracy_forecast import forecast
 from wovenfab.study.accuracy_result import Run, Study, ladders_of
 from wovenfab.study.accuracy_run import Measured
 from wovenfab.study.accuracy_settings import Setting
@@ -17,6 +18,8 @@ from wovenfab.study.accuracy_settings import Setting
 #: How much longer a run takes with half the mesh size or half the step: as much as the last
 #: did, but within these; a ladder's second run half of the most.
 _LEAST_GROWTH, _MOST_GROWTH = 2.0, 6.0
+#: A ladder rests when it would need so many times the time that is left.
+_MARGIN = 3.0
 #: A ladder has so many runs at most.
 _LONGEST = 8
 
@@ -28,7 +31,9 @@ Teller = Callable[[Study, Setting, float, Run | None], None]
 class Climb:
     """Climbs several ladders: the shortest run next, each in its share of the time.
 
-    What is left goes to the two methods that converge best, for the best answer and its check.
+    After three runs a ladder shows its order, and rests if far more time than is left would
+    be needed to make its error small enough. What is left goes to the ladder that should get
+    there first, for the best answer, and then to the next one, for its check.
     """
 
     def __init__(
@@ -53,18 +58,45 @@ class Climb:
         self._path, self._overrides = path, overrides
         self._runner, self._now, self._tell = runner, now, tell
         self._enough = enough
+        self._known: dict[tuple[str, ...], Measured] = {}
 
     def __call__(self, ladders: Sequence[Iterator[Setting]], into: list[Run], until: float) -> None:
         """Climb until the time (s) since the study's start would not be enough."""
         climbing = [_Rung(islice(ladder, _LONGEST)) for ladder in ladders]
         share = (until - self._now.spent) / len(climbing)
-        for rung in climbing:
-            rung.allowed = share
-        while waiting := [r for r in climbing if r.spent + r.expected <= r.allowed]:
-            self._step(min(waiting, key=lambda r: r.expected), into)
-        for rung in sorted(climbing, key=lambda r: r.error)[:2]:
-            while not rung.ended and self._now.spent + rung.expected <= until:
-                self._step(rung, into)
+        while rung := self._next(climbing, share, until - self._now.spent):
+            self._step(rung, into)
+            self._foresee([r for r in climbing if r.runs])
+
+    @staticmethod
+    def _next(climbing: Sequence[_Rung], share: float, left: float) -> _Rung | None:
+        """Return the ladder whose run is next, or None where the time that is left is too short.
+
+        Args:
+            climbing: All ladders.
+            share: Time of each, s.
+            left: Time of all, s.
+        """
+        if within := [
+            r for r in climbing if r.spent + r.expected <= share and not r.is_hopeless(left)
+        ]:
+            return min(within, key=lambda r: r.expected)
+        first, *second = sorted(climbing, key=lambda r: (r.time, r.error))[:2]
+        worth = [first, *(r for r in second if not r.is_hopeless(left))]
+        return next((r for r in worth if r.expected <= left), None)
+
+    def _foresee(self, climbing: Sequence[_Rung]) -> None:
+        """Say of each ladder that has runs how long it will take; end those accurate enough."""
+        names = climbing[0].runs[0].measured.values if climbing else {}
+        ladders = [[ladders_of(r.runs, name)[0] for name in names] for r in climbing]
+        best = [best_of(of_quantity) for of_quantity in zip(*ladders, strict=True)]
+        for rung, mine in zip(climbing, ladders, strict=True):
+            if len(rung.runs) > 1:
+                found = forecast(mine, best)
+                if len(rung.runs) > 2 and found.error <= self._enough:
+                    rung.expected = inf
+                rung.error = found.error
+                rung.time = found.time(self._enough, rung.expected, rung.growth)
 
     def _step(self, rung: _Rung, into: list[Run]) -> None:
         """Make a ladder's next run."""
@@ -81,8 +113,7 @@ class Climb:
             return
         into.append(run)
         rung.runs.append(run)
-        done = len(rung.runs) > 2 and rung.error <= self._enough
-        rung.expected = inf if done else rung.growth * run.measured.wall
+        rung.expected = rung.time = rung.growth * run.measured.wall
 
     def one(self, setting: Setting, expected: float) -> Run | None:
         """Run one setting; None where the case cannot be read with it."""
@@ -90,11 +121,13 @@ class Climb:
             read_case(self._path, (*self._overrides, *setting.overrides))
         except CaseError:
             return None
-        self._tell(self._now, setting, expected, None)
-        found = self._runner(setting)
+        found = self._known.get(setting.overrides)
+        if found is None:
+            self._tell(self._now, setting, expected, None)
+            found = self._known[setting.overrides] = self._runner(setting)
+            self._now.spent += found.wall
         count = found.unknowns if setting.stage == "space" else found.steps**2
         run = Run(setting, found, 1 / sqrt(max(count, 1)))
-        self._now.spent += found.wall
         if found.failure:
             self._now.failed.append(run)
         self._tell(self._now, setting, expected, run)
@@ -103,19 +136,25 @@ class Climb:
 
 @dataclass
 class _Rung:
-    """Where a ladder has been climbed to; times in s."""
+    """Where a ladder has been climbed to; times in s.
+
+    Attributes:
+        settings: What is left of it.
+        runs: Its runs.
+        expected: Time of the next run; infinite where there should be none.
+        time: Time until the error is small enough.
+        error: Relative error of the last run.
+        spent: Time of its runs.
+        failures: How many runs failed.
+    """
 
     settings: Iterator[Setting]
     runs: list[Run] = field(default_factory=list)
     expected: float = 0.0
+    time: float = 0.0
+    error: float = inf
     spent: float = 0.0
-    allowed: float = 0.0
     failures: int = 0
-
-    @property
-    def ended(self) -> bool:
-        """Whether no further run is worth it."""
-        return self.expected == inf
 
     @property
     def growth(self) -> float:
@@ -124,9 +163,6 @@ class _Rung:
         grown = walls[-1] / walls[0] if len(walls) == 2 else _MOST_GROWTH / 2
         return min(max(grown, _LEAST_GROWTH), _MOST_GROWTH)
 
-    @property
-    def error(self) -> float:
-        """Relative error of the last run's worst quantity, as the ladder itself suggests."""
-        names = self.runs[-1].measured.values if self.runs else {}
-        ladders = [ladder for name in names for ladder in ladders_of(self.runs, name)]
-        return max((own_error(v) / abs(v.values[-1] or inf) for v in ladders), default=inf)
+    def is_hopeless(self, left: float) -> bool:
+        """Whether the time that is left (s) is far too short, by the order that shows."""
+        return len(self.runs) > 2 and _MARGIN * left < self.time < inf

@@ -128,28 +128,6 @@ def orders_towards(limit: float, ladder: Ladder) -> list[float | None]:
     return found
 
 
-def combined(space: Best, time: Best, base: float) -> Best:
-    """Return the best answer with both errors gone, from studies of each with the other kept.
-
-    Relative corrections multiply; what their product leaves out is of the size of their
-    product, which is added to the error.
-
-    Args:
-        space: Best in space with the coarse steps.
-        time: Best in time on the coarse mesh.
-        base: The quantity on the coarse mesh with the coarse steps.
-    """
-    value = space.value * time.value / base
-    mixed = abs((space.value / base - 1) * (time.value / base - 1))
-    error = abs(value) * (space.relative + time.relative + mixed)
-    return Best(
-        value,
-        error,
-        f"{space.method}; {time.method}",
-        "; ".join(c or "nothing" for c in (space.check, time.check)),
-    )
-
-
 def worst(errors: Mapping[str, float]) -> float:
     """Return the largest of the errors of several quantities."""
     return max(errors.values(), default=inf)

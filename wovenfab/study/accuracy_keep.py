@@ -47,7 +47,7 @@ class KeptRuns:
         """
         self._path, self._overrides = path, tuple(overrides)
         self._directory, self._alive = directory, alive
-        self.kept = 0
+        self.asked = self.kept = 0
 
     def __call__(self, setting: Setting) -> Measured:
         """Return what a setting gives and costs.
@@ -55,6 +55,7 @@ class KeptRuns:
         Raises:
             KeyboardInterrupt: This process was interrupted; the run was ended, too.
         """
+        self.asked += 1
         every = (*self._overrides, *setting.overrides)
         file = self._directory / f"{_mark(fingerprint(read_case(self._path, every)))}.json"
         with suppress(OSError, ValueError, TypeError):

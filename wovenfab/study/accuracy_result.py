@@ -58,6 +58,11 @@ class Study:
         best = self.best[run.setting.stage]
         return {name: error + best[name].relative for name, error in self.errors(run).items()}
 
+    def within(self, target: float) -> list[Run]:
+        """Return the runs of the last stage whose quantities all keep a relative error."""
+        runs = self.both if self.final == "both" else self.space
+        return [r for r in runs if max(self.bounds(r).values(), default=inf) <= target]
+
     @property
     def final(self) -> str:
         """The stage whose best answers are those of the study."""

@@ -1,0 +1,151 @@
+"""Which runs an accuracy study makes, and what it believes: on answers given by formulas."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import pytest
+
+from wovenfab.bench.accuracy_page import ROOT, STUDIES
+from wovenfab.case import Case, read_case
+from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.study.accuracy import TARGETS, study
+from wovenfab.study.accuracy_both import Pair, Together
+from wovenfab.study.accuracy_error import Best, Ladder, best_of
+from wovenfab.study.accuracy_forecast import Forecast, forecast
+from wovenfab.study.accuracy_result import Study
+from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, Measured
+from wovenfab.study.accuracy_settings import Setting
+
+EXACT = {PEAK_FORCE: 344.0, DISSIPATED: 3.16}
+SLIP = next(shown for shown in STUDIES if shown.name == "slip")
+
+
+@dataclass
+class Formula:
+    """A runner whose errors are powers of mesh size and step, and a multiple of their product.
+
+    Aligned elements that may jump have the order of their degree, others order one.
+    """
+
+    mixed: float
+    ran: Counter[tuple[str, ...]] = field(default_factory=Counter)
+
+    def __call__(self, setting: Setting) -> Measured:
+        """Return what the formula says of a setting."""
+        self.ran[setting.overrides] += 1
+        case = read_case(ROOT / SLIP.case, (*SLIP.settings, *setting.overrides))
+        mesh, step = self.errors(case)
+        h = case.discretisation.mesh_size
+        assert h is not None
+        unknowns = round(200 * (0.1 * case.discretisation.degree / h) ** 2)
+        steps = case.time.steps_per_cycle
+        return Measured(
+            values={
+                name: value * (1 + share * mesh + step + self.mixed * share * mesh * step)
+                for (name, value), share in zip(EXACT.items(), (1.0, 3.0), strict=True)
+            },
+            unknowns=unknowns,
+            steps=steps,
+            iterations=3 * steps,
+            stepping=2e-5 * unknowns * steps,
+        )
+
+    @staticmethod
+    def errors(case: Case) -> tuple[float, float]:
+        """Return the relative errors for a case's mesh and steps alone."""
+        numerics = case.discretisation
+        good = numerics.mesh == "fibres" and numerics.jumps is not False
+        size = (numerics.mesh_size or 0.0) / 0.15
+        mesh = 0.06 * 3.0 ** (2 - numerics.degree) * size ** (numerics.degree if good else 1)
+        order = SCHEMES[case.time.scheme].order
+        return mesh, 0.04 * (10 / case.time.steps_per_cycle) ** order
+
+
+def studied(runner: Formula, budget: float = 300.0) -> Study:
+    return study(ROOT / SLIP.case, SLIP.settings, runner, budget, lambda *_: None)
+
+
+@pytest.mark.parametrize("mixed", [0.0, 4.0, -8.0])
+def test_every_accuracy_is_proven_and_the_errors_are_true_bounds(mixed: float) -> None:
+    runner = Formula(mixed)
+    found = studied(runner)
+    for name, exact in EXACT.items():
+        best = found.best["both"][name]
+        assert abs(best.value - exact) <= best.error < 1e-3 * exact
+    for target in TARGETS:
+        run = found.chosen[target]
+        assert run is not None
+        for name, exact in EXACT.items():
+            assert abs(run.measured.values[name] / exact - 1) <= target
+    walls = [run.measured.wall for run in found.chosen.values() if run]
+    assert walls == sorted(walls)
+    assert found.spent <= 300
+
+
+def test_time_goes_to_methods_that_get_there() -> None:
+    runner = Formula(1.0)
+    found = studied(runner)
+    runs = Counter(run.setting.method for run in found.runs if run.setting.stage != "both")
+    assert runs["backward-euler"] == runs["P2 crossed"] == runs["P3 on fibres, no jumps"] == 3
+    assert runs["bdf2"] > 5 and runs["P4 on fibres"] >= 3
+    assert set(runner.ran.values()) == {1}, "no setting is paid for twice"
+
+
+def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
+    found = studied(Formula(4.0), 20.0)
+    for target, run in found.chosen.items():
+        for name, exact in EXACT.items():
+            assert run is None or abs(run.measured.values[name] / exact - 1) <= target
+    assert found.chosen[TARGETS[0]] is not None
+    assert found.chosen[TARGETS[-1]] is None
+
+
+def together(mixed: float, *points: tuple[float, float]) -> Together:
+    """Return the answers for V = 3 (1 + 0.02 h) (1 + 0.04 k) + mixed h k, at h = k = 1 first."""
+
+    def value(h: float, k: float) -> float:
+        return 3 * (1 + 0.02 * h) * (1 + 0.04 * k) + mixed * h * k
+
+    sizes = tuple(0.5**n for n in range(8))
+    space = best_of([Ladder("s", sizes, tuple(value(h, 1) for h in sizes), 1)])
+    time = best_of([Ladder("t", sizes, tuple(value(1, k) for k in sizes), 1)])
+    pairs = tuple(Pair(value(h, k), value(h, 1), value(1, k)) for h, k in points)
+    return Together(space, time, value(1, 1), pairs)
+
+
+def test_both_errors_together_cover_the_answer_to_a_product_and_its_mixed_part() -> None:
+    both = together(0.002).best
+    assert abs(both.value - 3) <= both.error < 0.01
+
+
+@pytest.mark.parametrize("mixed", [0.03, -0.03])
+def test_a_pair_shows_a_mixed_part_that_studies_of_one_factor_cannot_see(mixed: float) -> None:
+    alone, helped = together(mixed), together(mixed, (0.25, 0.25))
+    assert abs(alone.best.value - 3) > 2 * alone.best.error
+    assert abs(helped.best.value - 3) <= helped.best.error
+    finer = together(mixed, (0.25, 0.25), (0.0625, 0.0625))
+    assert abs(finer.best.value - 3) <= finer.best.error < helped.best.error / 2
+
+
+def test_a_pair_at_the_base_changes_nothing() -> None:
+    alone, helped = together(0.002), together(0.002, (1, 1))
+    assert helped.best.value == pytest.approx(alone.best.value)
+    assert helped.best.error == pytest.approx(alone.best.error)
+
+
+def test_nothing_is_known_of_both_where_one_is_not_known() -> None:
+    unknown = Best(3.0, float("inf"), "s")
+    assert Together(unknown, Best(3.0, 0.1, "t"), 3.1).best.error == float("inf")
+
+
+def test_a_forecast_adds_the_times_of_the_runs_that_are_needed() -> None:
+    best = [Best(1.0, 1e-6, "other")]
+    found = forecast([Ladder("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
+    assert found.error == pytest.approx(0.01)
+    assert found.time(0.01 / 4**3, 5.0, 3.0) == pytest.approx(5 + 15 + 45)
+    assert found.time(0.02, 5.0, 3.0) == 0
+    away = forecast([Ladder("a", (1, 0.5), (1.01, 1.04), 2)], best)
+    assert away.time(0.01, 5.0, 3.0) == float("inf")
+    assert forecast([Ladder("a", (1,), (1.0,), 2)], best) == Forecast()
