@@ -154,7 +154,17 @@ def test_a_method_that_converges_to_something_else_is_not_believed() -> None:
     right = Ladder("right", (4, 2, 1), (1.4, 1.2, 1.1), 2)
     best = best_of([right, wrong])
     assert best.method == "wrong"
-    assert best.error == pytest.approx(0.91 - 0.1)
+    assert best.error == pytest.approx(0.91), "right goes the other way"
+    upwards = Ladder("right", (4, 2, 1), (2.4, 2.6, 2.7), 2)
+    assert best_of([upwards, wrong]).error == pytest.approx(0.69)
+    unclear = Ladder("right", (4, 2, 1), (2.5, 2.8, 2.7), 2)
+    assert best_of([unclear, wrong]).error == pytest.approx(0.69 - 0.3)
+
+
+def test_a_method_that_is_on_its_way_to_the_best_answer_supports_it() -> None:
+    near = Ladder("near", (4, 2, 1), (2.16, 2.04, 2.01), 2)
+    behind = Ladder("behind", (4, 2, 1), (2.32, 2.16, 2.08), 2)
+    assert best_of([behind, near]).error == own_error(near) == pytest.approx(0.01)
 
 
 def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:

@@ -141,7 +141,7 @@ def test_nothing_is_known_of_both_where_one_is_not_known() -> None:
 
 
 def test_a_forecast_adds_the_times_of_the_runs_that_are_needed() -> None:
-    best = [Best(1.0, 1e-6, "other")]
+    best = [Best(1.0, 0.0, "other")]
     found = forecast([Ladder("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
     assert found.error == pytest.approx(0.01)
     assert found.time(0.01 / 4**3, 5.0, 3.0) == pytest.approx(5 + 15 + 45)

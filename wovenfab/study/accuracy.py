@@ -26,7 +26,7 @@ from wovenfab.study.accuracy_settings import (
 #: Accuracies for which the cheapest setting is sought.
 TARGETS = (0.05, 0.01, 0.003, 0.001)
 #: A ladder ends when its own error is this share of the least target.
-_ENOUGH = 0.05
+_ENOUGH = 0.02
 #: Error of a mesh that is good enough for the study in time.
 _ADEQUATE = 0.01
 #: Its run with coarse steps takes no more than this share of the time.

@@ -33,7 +33,7 @@ class Climb:
 
     After three runs a ladder shows its order, and rests if far more time than is left would
     be needed to make its error small enough. What is left goes to the ladder that should get
-    there first, for the best answer, and then to the next one, for its check.
+    there first, for the best answer, and then to the most accurate other, for its check.
     """
 
     def __init__(
@@ -81,9 +81,9 @@ class Climb:
             r for r in climbing if r.spent + r.expected <= share and not r.is_hopeless(left)
         ]:
             return min(within, key=lambda r: r.expected)
-        first, *second = sorted(climbing, key=lambda r: (r.time, r.error))[:2]
-        worth = [first, *(r for r in second if not r.is_hopeless(left))]
-        return next((r for r in worth if r.expected <= left), None)
+        first = min(climbing, key=lambda r: (r.time, r.error))
+        check = min((r for r in climbing if r is not first), key=lambda r: r.error, default=first)
+        return next((r for r in (first, check) if r.expected <= left), None)
 
     def _foresee(self, climbing: Sequence[_Rung]) -> None:
         """Say of each ladder that has runs how long it will take; end those accurate enough."""

@@ -59,7 +59,8 @@ def best_of(ladders: Sequence[Ladder]) -> Best:
 
     The error is what Richardson's extrapolation of the method's own three finest values
     says, and more if the next best method, by an independent discretisation, is farther
-    away than that one's own error explains.
+    away than that one's own error explains. A method that approaches from one side explains
+    nothing on the side it comes from.
 
     Args:
         ladders: One a method, none empty.
@@ -71,7 +72,16 @@ def best_of(ladders: Sequence[Ladder]) -> Best:
     if second is None or not isfinite(other := own_error(second)):
         return Best(value, error, first.method)
     apart = abs(value - second.values[-1])
+    if not _lies_ahead(second, value):
+        other = 0.0
     return Best(value, max(error, apart - other), first.method, second.method)
+
+
+def _lies_ahead(ladder: Ladder, value: float) -> bool:
+    """Return whether a value is where a ladder goes: everywhere if it shows no order."""
+    if len(ladder.values) < 3 or order_of(ladder.sizes[-3:], ladder.values[-3:]) is None:
+        return True
+    return (ladder.values[-1] - ladder.values[-2]) * (value - ladder.values[-1]) > 0
 
 
 def own_error(ladder: Ladder) -> float:

@@ -55,7 +55,7 @@ def forecast(ladders: Sequence[Ladder], best: Sequence[Best]) -> Forecast:
     for ladder, answer in zip(ladders, best, strict=True):
         if len(ladder.values) > 1 and answer.value:
             least = min(own_error(ladder), answer.error)
-            before, last = (max(abs(v - answer.value), least) for v in ladder.values[-2:])
+            before, last = (abs(v - answer.value) + least for v in ladder.values[-2:])
             most = ladder.order * log(ladder.sizes[-2] / ladder.sizes[-1])
             gain = min(log(before / last), most) if last else most
             found.append(Forecast(last / abs(answer.value), gain))
