@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wovenfab.case import read_case
-from wovenfab.study.accuracy_climb import Climb, Runner, Teller
+from wovenfab.study.accuracy_climb import Climb, Rung, Runner, Teller
 from wovenfab.study.accuracy_error import best_of, worst
 from wovenfab.study.accuracy_pairs import Pairing
 from wovenfab.study.accuracy_result import Run, Study, ladders_of
@@ -34,6 +34,8 @@ _AFFORDABLE = 0.03
 #: Where rates count, share of the time for space, and of what then is left for steps; pairs of
 #: both have the rest.
 _IN_SPACE, _IN_TIME = 0.4, 0.4
+#: Share of the time that is left for more of both, where pairs do not prove every accuracy.
+_AGAIN = 0.6
 
 
 def study(
@@ -60,20 +62,41 @@ def study(
     in_time = case.needs.history and steps.can_vary
     coarse = steps.with_factor(COARSEST)
     methods = space_methods(case)
-    ladders = [space_ladder(m, coarse) for m in methods]
-    climb(ladders, now.space, budget * (_IN_SPACE if in_time else 1.0))
+    space = climb.start([space_ladder(m, coarse) for m in methods])
+    climb(space, now.space, budget * (_IN_SPACE if in_time else 1.0))
     _judge(now, "space", now.space)
     mesh = _adequate(now, budget) if in_time and now.space else None
     if mesh is not None:
-        schemes = [time_ladder(m, mesh.setting.mesh, steps) for m in time_methods()]
+        schemes = climb.start([time_ladder(m, mesh.setting.mesh, steps) for m in time_methods()])
         climb(schemes, now.time, now.spent + _IN_TIME * (budget - now.spent))
         _judge(now, "time", now.time)
     if mesh is not None and now.time:
-        Pairing(now, climb, mesh)(TARGETS, budget)
+        pairing = Pairing(now, climb, mesh)
+        pairing(TARGETS, budget)
+        while not all(map(now.within, TARGETS)) and _climb_on(now, climb, (space, schemes), budget):
+            pairing(TARGETS, budget)
     for target in TARGETS:
         good = now.within(target)
         now.chosen[target] = min(good, key=_wall) if good else None
     return now
+
+
+def _climb_on(
+    now: Study, climb: Climb, ladders: tuple[Sequence[Rung], Sequence[Rung]], budget: float
+) -> bool:
+    """Go on with meshes or steps, where less is known if possible; return whether it was."""
+    stages = zip(("space", "time"), (now.space, now.time), ladders, strict=True)
+
+    def known(stage: str) -> float:
+        return worst({name: best.relative for name, best in now.best[stage].items()})
+
+    for stage, runs, climbing in sorted(stages, key=lambda s: known(s[0]), reverse=True):
+        before = len(runs)
+        climb(climbing, runs, now.spent + _AGAIN * (budget - now.spent))
+        if len(runs) > before:
+            _judge(now, stage, runs)
+            return True
+    return False
 
 
 def _judge(now: Study, stage: str, runs: Sequence[Run]) -> None:

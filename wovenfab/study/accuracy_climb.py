@@ -60,16 +60,20 @@ class Climb:
         self._enough = enough
         self._known: dict[tuple[str, ...], Measured] = {}
 
-    def __call__(self, ladders: Sequence[Iterator[Setting]], into: list[Run], until: float) -> None:
-        """Climb until the time (s) since the study's start would not be enough."""
-        climbing = [_Rung(islice(ladder, _LONGEST)) for ladder in ladders]
+    @staticmethod
+    def start(ladders: Sequence[Iterator[Setting]]) -> list[Rung]:
+        """Return where ladders begin."""
+        return [Rung(islice(ladder, _LONGEST)) for ladder in ladders]
+
+    def __call__(self, climbing: Sequence[Rung], into: list[Run], until: float) -> None:
+        """Climb until the time (s) since the study's start would not be enough; or on."""
         share = (until - self._now.spent) / len(climbing)
         while rung := self._next(climbing, share, until - self._now.spent):
             self._step(rung, into)
             self._foresee([r for r in climbing if r.runs])
 
     @staticmethod
-    def _next(climbing: Sequence[_Rung], share: float, left: float) -> _Rung | None:
+    def _next(climbing: Sequence[Rung], share: float, left: float) -> Rung | None:
         """Return the ladder whose run is next, or None where the time that is left is too short.
 
         Args:
@@ -85,7 +89,7 @@ class Climb:
         check = min((r for r in climbing if r is not first), key=lambda r: r.error, default=first)
         return next((r for r in (first, check) if r.expected <= left), None)
 
-    def _foresee(self, climbing: Sequence[_Rung]) -> None:
+    def _foresee(self, climbing: Sequence[Rung]) -> None:
         """Say of each ladder that has runs how long it will take; end those accurate enough."""
         names = climbing[0].runs[0].measured.values if climbing else {}
         ladders = [[ladders_of(r.runs, name)[0] for name in names] for r in climbing]
@@ -98,7 +102,7 @@ class Climb:
                 rung.error = found.error
                 rung.time = found.time(self._enough, rung.expected, rung.growth)
 
-    def _step(self, rung: _Rung, into: list[Run]) -> None:
+    def _step(self, rung: Rung, into: list[Run]) -> None:
         """Make a ladder's next run."""
         setting = next(rung.settings, None)
         run = None if setting is None else self.one(setting, rung.expected)
@@ -135,7 +139,7 @@ class Climb:
 
 
 @dataclass
-class _Rung:
+class Rung:
     """Where a ladder has been climbed to; times in s.
 
     Attributes:

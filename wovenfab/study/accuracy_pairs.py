@@ -27,7 +27,7 @@ class Pairing:
     """
 
     def __init__(self, now: Study, climb: Climb, base: Run) -> None:
-        """Combine the best answers of both studies; run nothing yet.
+        """Run nothing yet.
 
         Args:
             now: The study, whose runs in space and in time are done.
@@ -35,40 +35,48 @@ class Pairing:
             base: The run whose mesh the study in time used.
         """
         self._now, self._climb, self._base = now, climb, base
-        self._answers = {
-            name: Together(now.best["space"][name], now.best["time"][name], value)
-            for name, value in base.measured.values.items()
-        }
-        self._left = list(product(now.space, now.time))
-        self._tries: Counter[float] = Counter()
-        self._judge()
+        self._tried: list[_Parts] = []
+        self._pairs: dict[str, tuple[Pair, ...]] = {name: () for name in base.measured.values}
 
     def __call__(self, targets: Sequence[float], until: float) -> None:
-        """Run pairs until each accuracy is proven or has had its tries, or time (s) is out."""
-        while parts := self._next(targets, until):
-            self._left.remove(parts)
+        """Run pairs until each accuracy is proven or has had its tries, or time (s) is out.
+
+        May be called again when there are more runs in space or in time.
+        """
+        self._judge()
+        tries: Counter[float] = Counter()
+        while chosen := self._next(targets, tries, until):
+            target, parts = chosen
+            tries[target] += 1
+            self._tried.append(parts)
             run = self._climb.one(_setting(parts), self._cost(parts))
             if run is not None and not run.measured.failure:
                 self._now.both.append(run)
                 for name, value in run.measured.values.items():
                     pair = replace(_pair(parts, name), value=value)
-                    known = self._answers[name]
-                    self._answers[name] = replace(known, pairs=(*known.pairs, pair))
+                    self._pairs[name] = (*self._pairs[name], pair)
                 self._judge()
 
-    def _next(self, targets: Sequence[float], until: float) -> _Parts | None:
-        """Return the cheapest pair for the first accuracy that is not proven."""
+    def _next(
+        self, targets: Sequence[float], tries: Counter[float], until: float
+    ) -> tuple[float, _Parts] | None:
+        """Return the first accuracy that is not proven and the cheapest pair for it."""
+        every = product(self._now.space, self._now.time)
+        left = [p for p in every if p not in self._tried]
+        fit = [p for p in left if self._now.spent + self._cost(p) <= until]
         for target in targets:
-            if self._now.within(target) or self._tries[target] == _TRIES:
+            if self._now.within(target) or tries[target] == _TRIES:
                 continue
-            fit = (p for p in self._left if self._now.spent + self._cost(p) <= until)
-            good = [p for p in fit if self._promised(p) <= target]
-            if good:
-                self._tries[target] += 1
-                return min(good, key=self._cost)
+            if good := [p for p in fit if self._promised(p) <= target]:
+                return target, min(good, key=self._cost)
         return None
 
     def _judge(self) -> None:
+        space, time = self._now.best["space"], self._now.best["time"]
+        self._answers = {
+            name: Together(space[name], time[name], value, self._pairs[name])
+            for name, value in self._base.measured.values.items()
+        }
         self._now.best["both"] = {name: found.best for name, found in self._answers.items()}
 
     def _promised(self, parts: _Parts) -> float:
