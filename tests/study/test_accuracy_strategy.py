@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import dataclass, field
 
@@ -31,10 +32,12 @@ class Formula:
 
     mixed: float
     ran: Counter[tuple[str, ...]] = field(default_factory=Counter)
+    stages: list[str] = field(default_factory=list)
 
     def __call__(self, setting: Setting) -> Measured:
         """Return what the formula says of a setting."""
         self.ran[setting.overrides] += 1
+        self.stages.append(setting.stage)
         case = read_case(ROOT / SLIP.case, (*SLIP.settings, *setting.overrides))
         mesh, step = self.errors(case)
         h = case.discretisation.mesh_size
@@ -94,12 +97,15 @@ def test_time_goes_to_methods_that_get_there() -> None:
 
 
 def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
-    found = studied(Formula(4.0), 20.0)
+    runner = Formula(4.0)
+    found = studied(runner, 40.0)
     for target, run in found.chosen.items():
         for name, exact in EXACT.items():
             assert run is None or abs(run.measured.values[name] / exact - 1) <= target
     assert found.chosen[TARGETS[0]] is not None
     assert found.chosen[TARGETS[-1]] is None
+    assert found.spent <= 40
+    assert re.search("both (time|space) .*both", " ".join(runner.stages)), "it goes on"
 
 
 def together(mixed: float, *points: tuple[float, float]) -> Together:
