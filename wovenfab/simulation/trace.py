@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +13,14 @@ from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import program_of_case
-from wovenfab.simulation.raised import raised
+from wovenfab.simulation.near import Near
 from wovenfab.simulation.rig import rig_of
 
 Array = NDArray[np.float64]
 #: Fewest steps of a segment or cycle.
 FEWEST = 4
-#: Tolerance of Newton's method that is enough to compare answers.
-LOOSE = 1e-6
+#: Share of an accuracy to which forces must balance where answers are compared.
+LOOSE = 0.1
 #: Steps before and after a crest that tell how high it is, and points between two steps.
 REACH, BETWEEN = 3, 33
 
@@ -33,9 +35,10 @@ class Trace:
         forces: On the driven edge along its motion, N.
         dissipated: Energy lost since the start, J.
         iterations: Newton iterations, all together.
+        seconds: Wall time of the steps on this rank.
         cutbacks: Rejected attempts: where there are some, there were more steps than planned.
         model: The model, whose field is that of the largest force.
-        states: The field at each time, its unknowns with ghosts.
+        states: The field by time, its unknowns with ghosts; empty where it is not kept.
     """
 
     times: Array
@@ -43,9 +46,10 @@ class Trace:
     forces: Array
     dissipated: Array
     iterations: int
+    seconds: float
     cutbacks: int
     model: Model
-    states: tuple[Array, ...]
+    states: Mapping[float, Array]
 
     @property
     def figures(self) -> dict[str, float]:
@@ -62,11 +66,6 @@ class Trace:
     def crest(self) -> float:
         """Largest force in size (N), between steps, too."""
         return crest_of(self.times, self.forces)
-
-    def state(self, time: float, model: Model) -> Array | None:
-        """Return the field at a time in the unknowns of a model of higher degree, if known."""
-        at = np.flatnonzero(self.times == time)
-        return raised(self.states[at[0]], self.model, model) if len(at) else None
 
 
 def crest_of(times: Array, forces: Array) -> float:
@@ -97,14 +96,15 @@ def _parabola(times: Array, values: Array, at: Array) -> Array:
     return np.asarray(np.polyval(np.polyfit(times - origin, values, 2), at - origin))
 
 
-def trace_of(case: Case, sheet: Sheet, near: Trace | None = None) -> Trace:
+def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = False) -> Trace:
     """Return the answer of a case; collective.
 
     Args:
         case: The case.
         sheet: Its sheet.
-        near: The answer with elements of lower degree on the same mesh: steps to the same
-            times begin there, which takes fewer iterations.
+        near: The answer with elements of lower degree on the same mesh, with its states: steps
+            to the same times begin there, which takes fewer iterations.
+        keep: Keep the states.
 
     Raises:
         StepFailedError: If a step cannot be made.
@@ -112,12 +112,15 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None) -> Trace:
     """
     every = case.time.tolerance is not None
     rows: list[tuple[float, float, float, float]] = []
-    states: list[Array] = []
+    states: dict[float, Array] = {}
     iterations, cutbacks = 0, 0
     with rig_of(case, sheet) as rig:
-        field, model = rig.model.field.x.array, rig.model
-        if near is not None:
-            rig.march.begin_near(lambda time: near.state(time, model))
+        field = rig.model.field.x.array
+        largest, highest = field.copy(), 0.0
+        start = None if near is None else Near(near.states, near.model, rig.model)
+        if start is not None:
+            rig.march.begin_near(start.guess)
+        begun = perf_counter()
         for step in rig.march.steps():
             iterations += step.iterations
             cutbacks += step.cutbacks
@@ -125,11 +128,17 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None) -> Trace:
                 continue
             force, _ = rig.force(step.reactions)
             rows.append((step.time, step.displacement, force, sum(step.dissipated.values())))
-            states.append(field.copy())
-        times, displacements, forces, dissipated = np.array(rows).T
-        field[:] = states[int(np.abs(forces).argmax())]
-    columns = times, displacements, forces, dissipated
-    return Trace(*columns, iterations, cutbacks, model, tuple(states))
+            if abs(force) > highest:
+                largest, highest = field.copy(), abs(force)
+            if start is not None:
+                start.accept(step.time)
+            if keep:
+                states[step.time] = field.copy()
+        seconds = perf_counter() - begun
+        field[:] = largest
+    times, displacements, forces, dissipated = np.array(rows).T
+    effort = iterations, seconds, cutbacks
+    return Trace(times, displacements, forces, dissipated, *effort, rig.model, states)
 
 
 def discretised(case: Case, **changes: object) -> Case:
@@ -138,10 +147,14 @@ def discretised(case: Case, **changes: object) -> Case:
     return case.model_copy(update={"discretisation": d})
 
 
-def brief(case: Case) -> Case:
+def brief(case: Case, accuracy: float) -> Case:
     """Return a case with what matters for its accuracy: the largest of its cycles.
 
-    Equilibrium is sought no more accurately than answers are compared.
+    Forces balance to the root of the solver's tolerance at least.
+
+    Args:
+        case: The case.
+        accuracy: To which answers will be compared.
     """
     program = tuple(
         s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
@@ -149,7 +162,8 @@ def brief(case: Case) -> Case:
         else s
         for s in case.program
     )
-    solver = case.solver.model_copy(update={"tolerance": max(LOOSE, case.solver.tolerance)})
+    tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
+    solver = case.solver.model_copy(update={"tolerance": tolerance})
     return case.model_copy(update={"program": program, "solver": solver})
 
 

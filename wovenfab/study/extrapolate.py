@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from scipy.optimize import brentq
 
 #: Slowest and fastest convergence that is believed: exponents of degree.
-SLOWEST, FASTEST = 1.0, 40.0
+SLOWEST, FASTEST = 2.0, 40.0
 
 
 def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:

@@ -7,14 +7,15 @@ from dataclasses import replace
 from wovenfab.case import Case
 from wovenfab.simulation.size import memory_of_machine
 from wovenfab.simulation.trace import brief, discretised
-from wovenfab.study.elements import COARSEST, Found, Limits, Mesher, elements_for, meshed, side
+from wovenfab.study.elements import COARSEST, Found, Mesher, elements_for, meshed, side
+from wovenfab.study.outlook import Limits
 from wovenfab.study.steps import Tell, steps_for
 
 #: Share of the machine's memory that a run may take.
 ROOM = 0.6
 #: Share of the accuracy that is aimed at, for estimates are not exact; the largest share of that
 #: which elements may use where steps have an error, too: finer cells cost more than more steps.
-AIM, OF_ELEMENTS = 0.7, 0.75
+AIM, OF_ELEMENTS = 0.8, 0.75
 
 
 def pilot(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) -> Found:
@@ -36,12 +37,14 @@ def pilot(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) 
     aim = AIM * case.accuracy
     share = OF_ELEMENTS if base.needs.history else 1.0
     found = elements_for(base, share * aim, mesher, limits, tell, whole)
+    found = replace(found, reachable=found.reachable / (share * AIM))
     if found.estimate is None:
         return found
     coarse = discretised(base, mesh_size=side(whole) / COARSEST, degree=2)
     coarse, rough = meshed(coarse, mesher, whole)
-    left = max(aim - found.estimate.worst, (1 - OF_ELEMENTS) * aim)
-    paced = steps_for(found.case, brief(coarse), rough, left, tell)
+    error = found.estimate.worst
+    left = max(aim - error, (1 - OF_ELEMENTS) * max(aim, error))
+    paced = steps_for(found.case, brief(coarse, left), rough, left, tell)
     if paced is None:
         return found
     estimate = replace(found.estimate, time=paced.errors)

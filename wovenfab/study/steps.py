@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import inf
 
 from wovenfab.case import Case
 from wovenfab.sheet.sheet import Sheet
@@ -11,21 +12,23 @@ from wovenfab.simulation.assemble import scheme_of
 from wovenfab.simulation.trace import Trace, keeps_its_steps, paced, trace_of
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.study.estimate import FEW, Pair, worst
+from wovenfab.study.estimate import Pair, worst
 
 Tell = Callable[[str], None]
 #: Share of the usual number of equal steps with which is begun.
 BEGIN = 0.25
 #: Error of a step beyond which equal ones are cut, too.
 ROUGH = 0.5
-#: Tolerance with which adaptive steps begin.
-FIRST = 0.02
-#: Growth of the number of steps beyond which is tried again.
-FAR = 2.0
+#: Share of the usual number of steps that adaptive ones are planned with, their first tolerance.
+PLANNED, FIRST = 0.075, 0.02
+#: Growth of the number of steps beyond which is tried again, and largest from trial to trial.
+FAR, FARTHEST = 2.0, 8.0
+#: Growth of iterations with twice the steps, at least.
+DEARER = 1.4
 #: Round-off of an error that is just what is wanted.
 ALMOST = 1 + 1e-9
-#: Trials of one kind, each with twice the steps.
-TRIALS = 7
+#: Largest number of steps over that of the first trial, and trials of one kind.
+MOST, TRIALS = 128.0, 8
 
 
 @dataclass(frozen=True)
@@ -50,7 +53,7 @@ def equal_steps(case: Case, number: float) -> Case:
 
 def adaptive_steps(case: Case, number: float) -> Case:
     """Return a case with about ``number`` times the first trial's adaptive steps."""
-    return paced(case, FEW, FIRST / number**2)
+    return paced(case, PLANNED, FIRST / number**2)
 
 
 Kind = Callable[[Case, float], Case]
@@ -71,9 +74,10 @@ def steps_for(case: Case, trial: Case, sheet: Sheet, wanted: float, tell: Tell) 
     kinds: list[Kind] = [] if keeps_its_steps(case) else [equal_steps]
     if _measured(case):
         kinds.append(adaptive_steps)
-    found = []
+    found: list[Paced] = []
     for kind in kinds:
-        if (best := _enough(kind, trial, sheet, wanted, tell)) is not None:
+        least = min((f.effort for f in found if worst(f.errors) <= ALMOST * wanted), default=inf)
+        if (best := _enough(kind, trial, sheet, wanted, least, tell)) is not None:
             number, errors, effort = best
             found.append(Paced(kind(case, number), errors, effort))
     return (
@@ -87,28 +91,33 @@ def _measured(case: Case) -> bool:
 
 
 def _enough(
-    kind: Kind, trial: Case, sheet: Sheet, wanted: float, tell: Tell
+    kind: Kind, trial: Case, sheet: Sheet, wanted: float, least: float, tell: Tell
 ) -> tuple[float, dict[str, float], float] | None:
-    """Return how many times the first steps are enough, their errors and iterations."""
+    """Return how many times the first steps are enough, their errors and iterations.
+
+    None where none can be made, or where they would take more iterations than ``least``.
+    """
     fewer: Trace | None = None
-    best = None
+    best, number = None, 1.0
     order = scheme_of(trial).order
-    for level in range(TRIALS):
-        number = 2.0**level
+    for _ in range(TRIALS):
         try:
             more = trace_of(kind(trial, number), sheet)
         except (StepFailedError, StabilityLostError):
-            fewer = None
+            fewer, number = None, 2 * number
             continue
         tell(f"{kind.__name__.replace('_', ' ')}: {more.steps}, {more.iterations} iterations")
+        growth = 2.0
         if fewer is not None and more.steps > fewer.steps:  # as many tell nothing
             errors = Pair(fewer, more, order).errors()
-            need = (worst(errors) / wanted) ** (1 / order)
-            far = need > FAR and level + 1 < TRIALS
-            need = min(max(need, 0.5), 1.0 if level + 1 == TRIALS else FAR)
-            scaled = {name: e / need**order for name, e in errors.items()}
-            best = need * number, scaled, need * more.iterations
-            if not far:
+            need = min((worst(errors) / wanted) ** (1 / order), MOST / number)
+            taken = min(max(need, 0.5), FAR)
+            scaled = {name: e / taken**order for name, e in errors.items()}
+            best = taken * number, scaled, taken * more.iterations
+            if need <= FAR:
                 break
-        fewer = more
+            growth = min(need, FARTHEST)
+        if DEARER * more.iterations > least:
+            break
+        fewer, number = more, growth * number
     return best
