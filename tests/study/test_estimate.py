@@ -13,10 +13,10 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import model_of, sheet_of
 from wovenfab.simulation.raised import raised
 from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
-from wovenfab.study.elements import Limits
 from wovenfab.study.error_map import shares
-from wovenfab.study.estimate import DISSIPATED, PEAK, Estimate, Ladder, Pair, rung, worst
+from wovenfab.study.estimate import DISSIPATED, FEW, PEAK, Estimate, Ladder, Pair, rung, worst
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
+from wovenfab.study.outlook import Limits
 from wovenfab.study.pilot import pilot
 from wovenfab.study.steps import steps_for
 
@@ -33,10 +33,10 @@ def sheet(case: Case) -> Sheet:
     return sheet_of(case, MPI.COMM_SELF)
 
 
-def estimated(case: Case) -> Estimate:
+def estimated(case: Case, share: float = FEW) -> Estimate:
     on, degree = sheet(case), case.discretisation.degree
     degrees = degree - 1, degree, degree + 1
-    ladder = Ladder(degrees, tuple(rung(brief(case), on, p) for p in degrees))
+    ladder = Ladder(degrees, tuple(rung(brief(case, 1e-3), on, p, share) for p in degrees))
     if not case.needs.rate:
         return Estimate(ladder, degree)
     pair = Pair(trace_of(paced(case, 0.5), on), trace_of(case, on), order=2)
@@ -47,12 +47,12 @@ def elements(degree: int, mesh_size: float) -> str:
     return f"discretisation={{degree: {degree}, mesh_size: {mesh_size} m}}"
 
 
-@pytest.mark.parametrize("rate", [0.7, 3.0, 9.0])
+@pytest.mark.parametrize("rate", [1.5, 3.0, 9.0])
 def test_the_limit_of_a_sequence_of_degrees_is_found(rate: float) -> None:
     values = [10 + 4 * p**-rate for p in (2, 3, 4)]
     found = error_of_degrees((2, 3, 4), values)
     true = [v - 10 for v in values]
-    assert found == pytest.approx(true, rel=1e-6 if rate >= 1 else 0.5)
+    assert found == pytest.approx(true, rel=1e-6 if rate >= 2 else 0.5)
 
 
 def test_the_limit_of_steps_of_second_order_is_found() -> None:
@@ -82,6 +82,8 @@ def test_the_error_of_an_elastic_force_is_estimated(
 
 
 SPIN = "effects.spin_friction={strength: 30 N/m, slope: 40 s}"
+#: Steps of a cycle where a case names none.
+USUAL = 80
 CYCLE = "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}"
 
 
@@ -102,7 +104,7 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
 
     steps = 32
     case, finer = of(3, 0.15, steps), of(4, 0.1, steps)
-    found = estimated(case)
+    found = estimated(case, FEW * USUAL / steps)
     low, high = (trace_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
     few, many = (trace_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
@@ -167,7 +169,7 @@ def test_the_pilot_reaches_what_it_says() -> None:
 
 
 @pytest.mark.parametrize(
-    ("limits", "reason"), [(Limits(1.2e8), "GB of memory"), (Limits(1e12, time=0.0), "would take")]
+    ("limits", "reason"), [(Limits(1.2e8), "GB of memory"), (Limits(1e12, time=0.0), "trials take")]
 )
 def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
     limits: Limits, reason: str
@@ -184,18 +186,39 @@ def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
     assert found.estimate.worst > 1e-5
 
 
-def test_a_cycle_with_friction_is_as_accurate_as_asked() -> None:
-    case = case_of("bias-1x3", "accuracy=5 %", "discretisation=null", "time=null", CYCLE)
+@pytest.mark.parametrize(
+    ("name", "force", "dissipated"),
+    [
+        # limits as in docs/accuracy.md
+        ("bias-1x3", 343.997, 3.1591),
+        pytest.param("spin-1x3", 363.346, 4.6431, marks=pytest.mark.slow),
+    ],
+)
+def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(
+    name: str, force: float, dissipated: float
+) -> None:
+    case = case_of(name, "accuracy=1 %", "discretisation=null", "time=null", CYCLE)
     found = pilot(case, sheet, lambda text: None)
     assert not found.shortfall
     assert found.estimate is not None
-    assert found.estimate.worst < 0.05
+    assert found.estimate.worst < 0.01
     trace = trace_of(found.case, found.sheet)
-    # limits as in docs/accuracy.md
-    errors = [abs(trace.figures[PEAK] / 344.03 - 1), abs(trace.figures[DISSIPATED] / 3.161 - 1)]
-    print(f"{found.case.discretisation}, {trace.steps} steps, true errors {errors}")
-    assert max(errors) < 0.05
-    assert found.case.time.tolerance is not None
+    for figure, limit in ((PEAK, force), (DISSIPATED, dissipated)):
+        error, said = abs(trace.figures[figure] / limit - 1), found.estimate.relative[figure]
+        print(f"{name} {figure}, {trace.steps} steps: said {said:.2%}, true {error:.2%}")
+        assert error < said < 0.01
+
+
+def test_steps_that_begin_near_a_lower_degree_take_fewer_iterations() -> None:
+    case = brief(case_of("bias-1x3", CYCLE, elements(2, 0.15)), 1e-4)
+    on = sheet(case)
+    low = rung(case, on, 3)
+    afresh, near = rung(case, on, 4), rung(case, on, 4, below=low)
+    assert near.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.crest)
+    assert near.figures == pytest.approx(afresh.figures, rel=1e-5)
+    assert near.iterations < 0.9 * afresh.iterations
+    assert list(near.states) == list(near.times)
+    assert not trace_of(case, on).states
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
@@ -203,7 +226,7 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
     said: list[str] = []
-    found = steps_for(case, brief(case), sheet(case), 0.05, said.append)
+    found = steps_for(case, brief(case, 0.05), sheet(case), 0.05, said.append)
     first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in said[:3])
     assert first == second < third
     assert found is not None

@@ -29,7 +29,21 @@ def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Foun
     d = found.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     voice.say(f"chosen: degree {d.degree}, cells{size}{_steps(found.case)}")
+    if found.shortfall:
+        assert case.accuracy is not None
+        best = (
+            "" if found.estimate is None else f", estimated error {_percent(found.estimate.worst)}"
+        )
+        voice.say(f"{_missed(found, case.accuracy)}; this is the best that was tried{best}")
     return found
+
+
+def _missed(found: Found, wanted: float) -> str:
+    return f"warning: the accuracy of {_percent(wanted)} is not reached: {found.shortfall}"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.2g} %"
 
 
 def _steps(case: Case) -> str:
@@ -56,9 +70,8 @@ def report(
     for name, error in reached.get("figures", {}).items():
         words, unit = WORDS[name]
         voice.say(
-            f"{words}: estimated error {error['relative_error']:.2%} ({error['error']:.3g} {unit})"
+            f"{words}: estimated error {_percent(error['relative_error'])} "
+            f"({error['error']:.3g} {unit})"
         )
     if found.shortfall:
-        voice.say(
-            f"warning: the accuracy of {100 * wanted:.3g} % is not reached: {found.shortfall}"
-        )
+        voice.say(_missed(found, wanted))

@@ -36,7 +36,7 @@ class Found:
         sheet: Its sheet.
         estimate: Its errors; None where no trial got to its end.
         shortfall: Why the accuracy is not reached, or empty.
-        reachable: About the accuracy that is, with finer elements than were tried; 0 unknown.
+        reachable: About the least error of elements that limits allow, if known, otherwise 0.
     """
 
     case: Case
@@ -97,7 +97,7 @@ def elements_for(
         trial, sheet = meshed(discretised(case, mesh_size=side(whole) / cells), mesher, whole)
         unknowns = _unknowns(trial, sheet, DEGREES[2])
         if need := beyond(unknowns, tried, limits):
-            reason = f"the next finer elements have {need}"
+            reason = f"the next finer elements have {need}, more than allowed"
             break
         error = None
         try:
@@ -114,7 +114,7 @@ def elements_for(
         tried.append(Tried(cells, unknowns, _slowest(sheet, search.seconds), error))
         need, reachable = out_of_reach(tried, wanted, limits)
         if need:
-            reason = f"it needs elements with about {need}"
+            reason = f"it needs elements with about {need}, more than allowed"
             break
         cells = next_cells(tried, wanted)
     if search.best is None:

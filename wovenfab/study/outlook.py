@@ -96,7 +96,7 @@ def out_of_reach(tried: Sequence[Tried], wanted: float, limits: Limits) -> tuple
 
     if not (reason := needs(_needed(last, wanted, _order(known, USUAL)))):
         return "", 0.0
-    finest = next(c for n in count() if needs(c := last.cells * FINER**n))
+    finest = next(c for n in count() if needs((c := last.cells * FINER**n) * FINER))
     assert last.error is not None
     return reason, last.error * (last.cells / finest) ** _order(known, SLOW)
 

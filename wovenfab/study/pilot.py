@@ -37,7 +37,9 @@ def pilot(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) 
     aim = AIM * case.accuracy
     share = OF_ELEMENTS if base.needs.history else 1.0
     found = elements_for(base, share * aim, mesher, limits, tell, whole)
-    found = replace(found, reachable=found.reachable / (share * AIM))
+    if found.reachable:
+        able = f"about {100 * found.reachable / (share * AIM):.2g} % can be asked for"
+        found = replace(found, shortfall=f"{found.shortfall}; {able}")
     if found.estimate is None:
         return found
     coarse = discretised(base, mesh_size=side(whole) / COARSEST, degree=2)

@@ -23,6 +23,8 @@ ROUGH = 0.5
 PLANNED, FIRST = 0.075, 0.02
 #: Growth of the number of steps beyond which is tried again, and largest from trial to trial.
 FAR, FARTHEST = 2.0, 8.0
+#: Growth of the number of steps up to which no other kind is tried.
+EASY = 4.0
 #: Growth of iterations with twice the steps, at least.
 DEARER = 1.4
 #: Round-off of an error that is just what is wanted.
@@ -80,6 +82,8 @@ def steps_for(case: Case, trial: Case, sheet: Sheet, wanted: float, tell: Tell) 
         if (best := _enough(kind, trial, sheet, wanted, least, tell)) is not None:
             number, errors, effort = best
             found.append(Paced(kind(case, number), errors, effort))
+            if number <= EASY and worst(errors) <= ALMOST * wanted:
+                break
     return (
         min(found, key=lambda f: (worst(f.errors) > ALMOST * wanted, f.effort)) if found else None
     )

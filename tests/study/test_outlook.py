@@ -1,0 +1,62 @@
+"""What finer cells would take and bring, on errors that follow a known law."""
+
+from __future__ import annotations
+
+import pytest
+
+from wovenfab.simulation.size import memory
+from wovenfab.study.outlook import Limits, Tried, beyond, next_cells, out_of_reach
+
+
+def tried(cells: int, order: float = 3.0, seconds: float = 1.0) -> Tried:
+    """A trial whose unknowns grow like the area, and time like their power 1.2."""
+    unknowns = 400 * cells**2
+    return Tried(cells, unknowns, seconds * (cells / 2) ** 2.4, 0.1 * (2 / cells) ** order)
+
+
+@pytest.mark.parametrize("order", [2.0, 3.0, 4.0])
+def test_the_cells_that_are_tried_next_are_enough_but_not_many_more(order: float) -> None:
+    made = [tried(8, order), tried(16, order)]
+    for cells in range(17, 32):
+        wanted = 0.1 * (2 / cells) ** order / 0.8  # is aimed at with room for 20 %
+        assert next_cells(made, wanted) in (cells, cells + 1)
+
+
+def test_cells_are_not_multiplied_at_once() -> None:
+    assert next_cells([tried(2)], 1e-9) == 4
+    assert next_cells([tried(2)], 0.09) == 3
+    assert next_cells([Tried(3, 1000, 1.0, None)], 1e-9) == 4
+
+
+def test_nothing_is_out_of_reach_by_one_mesh_alone() -> None:
+    assert out_of_reach([tried(2)], 1e-12, Limits(0.0, 0.0)) == ("", 0.0)
+    assert beyond(10, [], Limits(0.0)) != ""
+
+
+@pytest.mark.parametrize("order", [3.0, 4.0])
+def test_an_accuracy_beyond_memory_is_out_of_reach(order: float) -> None:
+    made = [tried(4, order), tried(8, order)]
+    wanted = 0.1 * (2 / 80) ** order
+    need = memory(400 * 80**2)
+    assert out_of_reach(made, wanted, Limits(1.01 * need, 1e15)) == ("", 0.0)
+    reason, reachable = out_of_reach(made, wanted, Limits(0.99 * need, 1e15))
+    assert "GB of memory" in reason
+    assert "2600000 unknowns" in reason
+    assert 1 < reachable / wanted < 1.25
+
+
+def test_an_accuracy_beyond_time_is_out_of_reach() -> None:
+    made = [tried(4), tried(8)]
+    wanted = 0.1 * (2 / 80) ** 3
+    takes = made[0].seconds + made[1].seconds * (1 + 10**2.4)
+    assert out_of_reach(made, wanted, Limits(1e15, 1.01 * takes)) == ("", 0.0)
+    reason, reachable = out_of_reach(made, wanted, Limits(1e15, 0.99 * takes))
+    assert "min" in reason
+    assert 1 < reachable / wanted < 1.25
+
+
+def test_slow_convergence_is_hoped_to_become_better_before_something_is_refused() -> None:
+    made = [tried(4, order=1.0), tried(8, order=1.0)]
+    enough = memory(400 * 16**2)
+    assert out_of_reach(made, 0.11 * made[-1].error, Limits(1.02 * enough, 1e15))[0]
+    assert not out_of_reach(made, 0.13 * made[-1].error, Limits(1.02 * enough, 1e15))[0]
