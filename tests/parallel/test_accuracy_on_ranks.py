@@ -16,7 +16,7 @@ from wovenfab.study.elements import Found
 from wovenfab.study.error_map import ERRORS, shares, write_errors
 from wovenfab.study.pilot import pilot
 
-pytestmark = pytest.mark.mpi
+pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
 CONFIGS = Path(__file__).parents[2] / "configs"
 SAME = 1e-6
