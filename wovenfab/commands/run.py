@@ -50,7 +50,7 @@ def run_case(
             found, wanted = None, case.accuracy
             if wanted is not None:
                 with watch.phase("pilot"):
-                    found = find(case, path, overrides, voice)
+                    found = find(case, sheet, path, overrides, voice)
                 case, sheet = found.case, found.sheet
             voice.progress(Progress("compiling the effects"))
             with watch.phase("compile"):

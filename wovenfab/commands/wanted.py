@@ -12,20 +12,29 @@ from wovenfab.commands.voice import Voice
 from wovenfab.simulation.progress import Progress
 
 if TYPE_CHECKING:
+    from wovenfab.sheet.sheet import Sheet
     from wovenfab.study.elements import Found
 
 #: How the figures are called on the screen.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
 
-def find(case: Case, path: Path, overrides: Sequence[str], voice: Voice) -> Found:
-    """Return elements and steps for the accuracy of a case; collective."""
+def find(case: Case, sheet: Sheet, path: Path, overrides: Sequence[str], voice: Voice) -> Found:
+    """Return elements and steps for the accuracy of a case, whose sheet is known; collective."""
     from wovenfab.study.pilot import pilot
 
     def tell(text: str) -> None:
         voice.progress(Progress(text))
 
-    found = pilot(case, lambda c: sheet_for(c, path, overrides), tell)
+    made = {case.discretisation.mesh_size: sheet}
+
+    def mesher(trial: Case) -> Sheet:
+        size = trial.discretisation.mesh_size
+        if size not in made:
+            made[size] = sheet_for(trial, path, overrides)
+        return made[size]
+
+    found = pilot(case, mesher, tell)
     d = found.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     voice.say(f"chosen: degree {d.degree}, cells{size}{_steps(found.case)}")
