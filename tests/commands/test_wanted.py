@@ -9,7 +9,7 @@ import pytest
 
 from wovenfab.case import read_case
 from wovenfab.commands.run import run_case
-from wovenfab.study import pilot
+from wovenfab.study.wanted import pilot
 
 CASE = Path(__file__).parents[2] / "configs" / "elastic-1x3.yaml"
 SMALL = "{type: ramp, to: 20 mm, steps: 4}"

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from wovenfab.case import Case, read_case
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.trace import Trace, trace_of
-from wovenfab.study.elements import Found
-from wovenfab.study.error_map import ERRORS, shares, write_errors
-from wovenfab.study.pilot import pilot
+from wovenfab.study.wanted.elements import Found
+from wovenfab.study.wanted.error_map import ERRORS, shares, write_errors
+from wovenfab.study.wanted.pilot import pilot
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF

@@ -17,13 +17,13 @@ from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_
 from wovenfab.bench.accuracy_page import ROOT, STUDIES, Shown
 from wovenfab.case import CaseError, read_case
 from wovenfab.commands.accuracy import study_accuracy
-from wovenfab.study.accuracy import TARGETS, study
-from wovenfab.study.accuracy_climb import Runner
-from wovenfab.study.accuracy_error import Ladder, best_of, order_of, own_error
-from wovenfab.study.accuracy_keep import KeptRuns
-from wovenfab.study.accuracy_result import Study
-from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure, peak_of
-from wovenfab.study.accuracy_settings import Setting
+from wovenfab.study.precision.climb import Runner
+from wovenfab.study.precision.error import Ladder, best_of, order_of, own_error
+from wovenfab.study.precision.keep import KeptRuns
+from wovenfab.study.precision.result import Study
+from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure, peak_of
+from wovenfab.study.precision.settings import Setting
+from wovenfab.study.precision.study import TARGETS, study
 
 #: A strip along its yarns whose stiffness varies: springs in series.
 SPRINGS = """

@@ -11,13 +11,13 @@ import pytest
 from wovenfab.bench.accuracy_page import ROOT, STUDIES
 from wovenfab.case import Case, read_case
 from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.study.accuracy import TARGETS, study
-from wovenfab.study.accuracy_both import Pair, Together
-from wovenfab.study.accuracy_error import Best, Ladder, best_of
-from wovenfab.study.accuracy_forecast import Forecast, forecast
-from wovenfab.study.accuracy_result import Study
-from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, Measured
-from wovenfab.study.accuracy_settings import Setting
+from wovenfab.study.precision.both import Pair, Together
+from wovenfab.study.precision.error import Best, Ladder, best_of
+from wovenfab.study.precision.forecast import Forecast, forecast
+from wovenfab.study.precision.result import Study
+from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured
+from wovenfab.study.precision.settings import Setting
+from wovenfab.study.precision.study import TARGETS, study
 
 EXACT = {PEAK_FORCE: 344.0, DISSIPATED: 3.16}
 SLIP = next(shown for shown in STUDIES if shown.name == "slip")

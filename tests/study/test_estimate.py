@@ -13,12 +13,21 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import model_of, sheet_of
 from wovenfab.simulation.raised import raised
 from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
-from wovenfab.study.error_map import shares
-from wovenfab.study.estimate import DISSIPATED, FEW, PEAK, Estimate, Ladder, Pair, rung, worst
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
-from wovenfab.study.outlook import Limits
-from wovenfab.study.pilot import pilot
-from wovenfab.study.steps import steps_for
+from wovenfab.study.wanted.error_map import shares
+from wovenfab.study.wanted.estimate import (
+    DISSIPATED,
+    FEW,
+    PEAK,
+    Estimate,
+    Ladder,
+    Pair,
+    rung,
+    worst,
+)
+from wovenfab.study.wanted.outlook import Limits
+from wovenfab.study.wanted.pilot import pilot
+from wovenfab.study.wanted.steps import steps_for
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 #: Between these an estimate over the true error is useful.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from wovenfab.simulation.size import memory
-from wovenfab.study.outlook import Limits, Tried, beyond, next_cells, out_of_reach
+from wovenfab.study.wanted.outlook import Limits, Tried, beyond, next_cells, out_of_reach
 
 
 def tried(cells: int, order: float = 3.0, seconds: float = 1.0) -> Tried:

@@ -36,11 +36,11 @@ def study_accuracy(
         problem = "a study starts from a mesh size"
         raise CaseError([problem_at(path, overrides, "discretisation", problem, remedy)])
     from wovenfab.report.work_precision import draw_work_precision
-    from wovenfab.study.accuracy import study
-    from wovenfab.study.accuracy_keep import KeptRuns
-    from wovenfab.study.accuracy_result import Run, Study
-    from wovenfab.study.accuracy_settings import Setting
-    from wovenfab.study.accuracy_table import answers, ladders, write_csv
+    from wovenfab.study.precision.keep import KeptRuns
+    from wovenfab.study.precision.result import Run, Study
+    from wovenfab.study.precision.settings import Setting
+    from wovenfab.study.precision.study import study
+    from wovenfab.study.precision.table import answers, ladders, write_csv
 
     directory = output or Path("results") / f"{case.name}-accuracy"
     directory.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from wovenfab.simulation.progress import Progress
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
-    from wovenfab.study.elements import Found
+    from wovenfab.study.wanted.elements import Found
 
 #: How the figures are called on the screen.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
@@ -21,7 +21,7 @@ WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J"
 
 def find(case: Case, sheet: Sheet, path: Path, overrides: Sequence[str], voice: Voice) -> Found:
     """Return elements and steps for the accuracy of a case, whose sheet is known; collective."""
-    from wovenfab.study.pilot import pilot
+    from wovenfab.study.wanted.pilot import pilot
 
     def tell(text: str) -> None:
         voice.progress(Progress(text))
@@ -69,7 +69,7 @@ def report(
 ) -> None:
     """Write and say which errors were reached; collective."""
     from wovenfab.record.summary import write_summary
-    from wovenfab.study.error_map import write_errors
+    from wovenfab.study.wanted.error_map import write_errors
 
     reached: dict[str, Any] = {"wanted": wanted, "shortfall": found.shortfall}
     if found.estimate is not None:

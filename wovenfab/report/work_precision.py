@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from wovenfab.report.style import INK, QUIET, WIDTH, house_style, save
-from wovenfab.study.accuracy import TARGETS
-from wovenfab.study.accuracy_result import Run, Study
-from wovenfab.study.accuracy_table import QUANTITIES
+from wovenfab.study.precision.result import Run, Study
+from wovenfab.study.precision.study import TARGETS
+from wovenfab.study.precision.table import QUANTITIES
 
 #: What a run costs.
 _Cost = Callable[[Run], float]

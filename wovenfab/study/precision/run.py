@@ -1,4 +1,4 @@
-"""One run of an accuracy study: ``python -m wovenfab.study.accuracy_run`` in its own process.
+"""One run of an accuracy study: ``python -m wovenfab.study.precision.run`` in its own process.
 
 What it prints is one line of JSON. A process of its own makes peak memory and wall time
 those of this run alone.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import inf, isfinite
 
-from wovenfab.study.accuracy_error import Best
+from wovenfab.study.precision.error import Best
 
 #: A pair whose own share of the mixed part is larger says too little of that part.
 _LEAST_SEEN = 0.5

@@ -7,11 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 
-from wovenfab.study.accuracy_both import Pair, Together
-from wovenfab.study.accuracy_climb import Climb
-from wovenfab.study.accuracy_error import worst
-from wovenfab.study.accuracy_result import Run, Study
-from wovenfab.study.accuracy_settings import Setting
+from wovenfab.study.precision.both import Pair, Together
+from wovenfab.study.precision.climb import Climb
+from wovenfab.study.precision.error import worst
+from wovenfab.study.precision.result import Run, Study
+from wovenfab.study.precision.settings import Setting
 
 #: Pairs that are tried for one accuracy before it counts as missed.
 _TRIES = 3

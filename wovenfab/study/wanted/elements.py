@@ -15,9 +15,9 @@ from wovenfab.simulation.size import memory
 from wovenfab.simulation.trace import Trace, brief, discretised
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.study.estimate import FEW, Estimate, Ladder, rung
-from wovenfab.study.outlook import Limits, Tried, beyond, next_cells, out_of_reach
-from wovenfab.study.steps import Tell
+from wovenfab.study.wanted.estimate import FEW, Estimate, Ladder, rung
+from wovenfab.study.wanted.outlook import Limits, Tried, beyond, next_cells, out_of_reach
+from wovenfab.study.wanted.steps import Tell
 
 Mesher = Callable[[Case], Sheet]
 #: Cells across the sheet's shorter side at first.

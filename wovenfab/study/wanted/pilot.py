@@ -7,9 +7,9 @@ from dataclasses import replace
 from wovenfab.case import Case
 from wovenfab.simulation.size import memory_of_machine
 from wovenfab.simulation.trace import brief, discretised
-from wovenfab.study.elements import COARSEST, Found, Mesher, elements_for, meshed, side
-from wovenfab.study.outlook import Limits
-from wovenfab.study.steps import Tell, steps_for
+from wovenfab.study.wanted.elements import COARSEST, Found, Mesher, elements_for, meshed, side
+from wovenfab.study.wanted.outlook import Limits
+from wovenfab.study.wanted.steps import Tell, steps_for
 
 #: Share of the machine's memory that a run may take.
 ROOM = 0.6

@@ -9,11 +9,11 @@ from math import inf, sqrt
 from pathlib import Path
 
 from wovenfab.case import CaseError, read_case
-from wovenfab.study.accuracy_error import best_of
-from wovenfab.study.accuracy_forecast import forecast
-from wovenfab.study.accuracy_result import Run, Study, ladders_of
-from wovenfab.study.accuracy_run import Measured
-from wovenfab.study.accuracy_settings import Setting
+from wovenfab.study.precision.error import best_of
+from wovenfab.study.precision.forecast import forecast
+from wovenfab.study.precision.result import Run, Study, ladders_of
+from wovenfab.study.precision.run import Measured
+from wovenfab.study.precision.settings import Setting
 
 #: How much longer a run takes with half the mesh size or half the step: as much as the last
 #: did, but within these; a ladder's second run half of the most.

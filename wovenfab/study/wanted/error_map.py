@@ -19,7 +19,7 @@ from wovenfab.record.fields import FieldSeries
 from wovenfab.record.lattice import Lattice
 from wovenfab.record.results import write_whole
 from wovenfab.simulation.raised import raised
-from wovenfab.study.estimate import Estimate
+from wovenfab.study.wanted.estimate import Estimate
 
 Array = NDArray[np.float64]
 ERRORS = "error.csv"

@@ -16,10 +16,10 @@ from pathlib import Path
 from wovenfab.case import read_case
 from wovenfab.parallel import child_environment
 from wovenfab.record.results import write_whole
-from wovenfab.study import accuracy_run
-from wovenfab.study.accuracy_run import Measured, dump_measured, read_measured
-from wovenfab.study.accuracy_settings import Setting
 from wovenfab.study.fingerprint import fingerprint
+from wovenfab.study.precision import run
+from wovenfab.study.precision.run import Measured, dump_measured, read_measured
+from wovenfab.study.precision.settings import Setting
 
 #: Another process may be compiling kernels of its own meanwhile; then the run starts again.
 _MOST_STARTS = 4
@@ -68,7 +68,7 @@ class KeptRuns:
         return found
 
     def _start(self, overrides: Sequence[str]) -> Measured:
-        command = [sys.executable, "-m", accuracy_run.__name__, str(self._path), *overrides]
+        command = [sys.executable, "-m", run.__name__, str(self._path), *overrides]
         compiled = 0.0
         for _ in range(_MOST_STARTS):
             code, said, errors = self._run(command)
@@ -110,5 +110,5 @@ class KeptRuns:
 
 def _mark(case: str) -> str:
     """Return the name of a result: case and computing code, and how results are measured."""
-    measuring = Path(accuracy_run.__file__).read_bytes()
+    measuring = Path(run.__file__).read_bytes()
     return hashlib.sha256(case.encode() + measuring).hexdigest()[:16]

@@ -10,11 +10,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from wovenfab.case import read_case
-from wovenfab.study.accuracy_climb import Climb, Rung, Runner, Teller
-from wovenfab.study.accuracy_error import best_of, worst
-from wovenfab.study.accuracy_pairs import Pairing
-from wovenfab.study.accuracy_result import Run, Study, ladders_of
-from wovenfab.study.accuracy_settings import (
+from wovenfab.study.precision.climb import Climb, Rung, Runner, Teller
+from wovenfab.study.precision.error import best_of, worst
+from wovenfab.study.precision.pairs import Pairing
+from wovenfab.study.precision.result import Run, Study, ladders_of
+from wovenfab.study.precision.settings import (
     COARSEST,
     Steps,
     space_ladder,

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, log
 
-from wovenfab.study.accuracy_error import Best, Ladder, own_error
+from wovenfab.study.precision.error import Best, Ladder, own_error
 
 #: More runs than this are not foreseen.
 _MOST_RUNS = 20.0

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from wovenfab.record.results import write_whole
-from wovenfab.study.accuracy_error import Best, orders_towards
-from wovenfab.study.accuracy_result import Run, Study, ladders_of
-from wovenfab.study.accuracy_run import DISSIPATED, PEAK_FORCE, RMS_BETA
+from wovenfab.study.precision.error import Best, orders_towards
+from wovenfab.study.precision.result import Run, Study, ladders_of
+from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, RMS_BETA
 
 TABLE = "accuracy.csv"
 #: Name, unit and factor from SI of each quantity, as people read them.

@@ -12,7 +12,7 @@ from wovenfab.simulation.assemble import scheme_of
 from wovenfab.simulation.trace import Trace, keeps_its_steps, paced, trace_of
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.study.estimate import Pair, worst
+from wovenfab.study.wanted.estimate import Pair, worst
 
 Tell = Callable[[str], None]
 #: Share of the usual number of equal steps with which is begun.

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import inf
 
-from wovenfab.study.accuracy_error import Best, Ladder
-from wovenfab.study.accuracy_run import Measured
-from wovenfab.study.accuracy_settings import Setting
+from wovenfab.study.precision.error import Best, Ladder
+from wovenfab.study.precision.run import Measured
+from wovenfab.study.precision.settings import Setting
 
 
 @dataclass(frozen=True)
