@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wovenfab.case import Case
+from wovenfab.case import Case, Cycles
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import Voice
 from wovenfab.simulation.progress import Progress
@@ -57,11 +57,15 @@ def _percent(share: float) -> str:
 
 def _steps(case: Case) -> str:
     """Return the steps in words."""
-    tolerance, least = case.time.tolerance, case.time.steps_per_cycle
+    from wovenfab.simulation.trace import steps_in
+
     if not case.needs.history:
         return ""
-    adaptive = "" if tolerance is None else f", shortened where their error is over {tolerance:.2%}"
-    return f", {least} steps a cycle{adaptive}"
+    steps, rough = f"{steps_in(case)} steps", case.time.tolerance
+    if all(isinstance(segment, Cycles) for segment in case.program):
+        steps = f"{case.time.steps_per_cycle} steps a cycle"
+    cut = "" if rough is None else f", shortened where their error is over {_percent(rough)}"
+    return f", {steps}{cut}"
 
 
 def report(
