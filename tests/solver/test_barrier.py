@@ -103,7 +103,7 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
         y.array_w[:] = 10 ** random.uniform(-3, 1) * random.standard_normal(x.getSize())
         model.field.x.array[:] = x.array_r - y.array_r
         outside += barrier.margin() < 0
-        shortened += equilibrium._limit_step(x, y)
+        shortened += equilibrium._newton.limit_step(x, y)
         model.field.x.array[:] = x.array_r - y.array_r
         assert barrier.margin() > 0
     assert shortened > 100
@@ -118,7 +118,7 @@ def visited(controls: Controls, displacement: float, size: float) -> tuple[list[
     model = scenes.model(scenes.sheet(SHORT, mesh_size=size), scenes.BONDED, scenes.PROTOTYPE)
     constraints, equilibrium = scenes.solver(model, controls=controls)
     margins = []
-    equilibrium._snes.setMonitor(lambda *_: margins.append(equilibrium.barrier.margin()))
+    equilibrium._newton.snes.setMonitor(lambda *_: margins.append(equilibrium.barrier.margin()))
     constraints.set(displacement)
     outcome = equilibrium.solve()
     margins.append(equilibrium.barrier.margin())
@@ -149,7 +149,7 @@ def test_a_limited_step_goes_its_share_of_the_way() -> None:
     x.set(0.0)
     y.array_w[:] = -4 * limit * equilibrium.barrier.step.x.array
     full = y.array_r.copy()
-    assert equilibrium._limit_step(x, y)
+    assert equilibrium._newton.limit_step(x, y)
     assert y.array_r == pytest.approx(SHARE / 4 * full, rel=1e-12)
     equilibrium.destroy()
     x.destroy()

@@ -99,7 +99,7 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
         if not constraints.unmet(model.field):
             energies.append(scenes.energy(model))
 
-    equilibrium._snes.setMonitor(watch)
+    equilibrium._newton.snes.setMonitor(watch)
     constraints.set(0.15)
     assert equilibrium.solve().converged
     assert len(energies) > 3

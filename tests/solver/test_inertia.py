@@ -30,7 +30,7 @@ def pushed(
 
 def tangent(equilibrium: Equilibrium) -> NDArray[np.float64]:
     """Return both halves of the tangent of the present state."""
-    equilibrium._assemble_tangent()
+    equilibrium.tangent()
     matrix = scenes.tangent(equilibrium._model, equilibrium._constraints.bcs)
     values: NDArray[np.float64] = matrix.convert("dense").getDenseArray().copy()
     matrix.destroy()
@@ -149,10 +149,10 @@ def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
     assert outcome.negatives == 1
     mode = softest_mode(model, equilibrium)
     model.field.x.array[:] += 1e-6 * mode
-    equilibrium._assemble_tangent()
-    x, force, step = (equilibrium._solution.duplicate() for _ in range(3))
+    equilibrium.tangent()
+    x, force, step = (equilibrium._newton.solution.duplicate() for _ in range(3))
     x.array_w[:] = model.field.x.array
-    equilibrium._evaluate_residual(None, x, force)
+    equilibrium._newton.evaluate_residual(None, x, force)
     equilibrium.inertia._factor.renew()
     equilibrium.inertia._factor.solve(force, step)
     assert force.dot(step) < 0  # x - step has a higher potential

@@ -9,6 +9,7 @@ from petsc4py import PETSc
 
 from wovenfab.solver.controls import Outcome
 from wovenfab.solver.equilibrium import Equilibrium
+from wovenfab.solver.newton import Newton
 from wovenfab.stepping.pace import CUT, Pace
 
 Reason = PETSc.SNES.ConvergedReason
@@ -35,12 +36,42 @@ class Counted(Equilibrium):
         return outcome
 
 
+class _PatientNewton(Newton):
+    """Goes on after searches that find no lower potential, to the last iteration."""
+
+    def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """End as usual, but for searches without success."""
+        self._stuck = 0
+        return super().test(snes, iteration, norms)
+
+
 class Patient(Counted):
     """Goes on after searches that find no lower potential, to the last iteration."""
 
-    def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        self._stuck = 0
-        return super()._test(snes, iteration, norms)
+    method = _PatientNewton
+
+
+class _TrustRegionNewton(Newton):
+    """Newton's method whose first step moves the grips, and a trust region after it."""
+
+    def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """End as usual, or when the grips are in place."""
+        if snes.getType() == "newtonls" and self.system.attained:
+            self.norm = norms[2]
+            return int(Reason.CONVERGED_ITS)
+        return super().test(snes, iteration, norms)
+
+    def evaluate_objective(self, snes: Any, x: Any) -> float:
+        """Return the potential, J; infinite where families cross."""
+        energy = super().evaluate_objective(snes, x)
+        return energy if self.barrier.margin() > 0 else float("inf")
+
+    def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        """Put the tangent in the matrix, in a trust region the plain one."""
+        if snes.getType() == "newtontr":
+            self.system.load(x)
+            self.system.model.last.x.array[:] = self.system.model.field.x.array
+        super().evaluate_jacobian(snes, x, matrix, preconditioner)
 
 
 class TrustRegion(Counted):
@@ -49,34 +80,21 @@ class TrustRegion(Counted):
     The first step must raise the potential, for it moves the grips: it is Newton's.
     """
 
+    method = _TrustRegionNewton
+
     def solve(self) -> Outcome:
         """Move the grips by Newton's method and go on with a trust region."""
-        self._snes.setType("newtonls")
-        self._snes.setTolerances(max_it=self._controls.max_iterations)
+        snes = self._newton.snes
+        snes.setType("newtonls")
+        snes.setTolerances(max_it=self._controls.max_iterations)
         first = super().solve()
         if not first.converged:
             return first
-        self._snes.setType("newtontr")
-        self._snes.setTolerances(max_it=MANY)
+        snes.setType("newtontr")
+        snes.setTolerances(max_it=MANY)
         second = super().solve()
         self.solves -= 1
         return replace(second, iterations=first.iterations + second.iterations)
-
-    def _test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        if snes.getType() == "newtonls" and self._system.attained:
-            self._norm = norms[2]
-            return int(Reason.CONVERGED_ITS)
-        return super()._test(snes, iteration, norms)
-
-    def _evaluate_objective(self, snes: Any, x: Any) -> float:
-        self._system.load(x)
-        return self.energy() if self.barrier.margin() > 0 else float("inf")
-
-    def _evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
-        if snes.getType() == "newtontr":
-            self._system.load(x)
-            self._model.last.x.array[:] = self._model.field.x.array
-        super()._evaluate_jacobian(snes, x, matrix, preconditioner)
 
 
 class Halving(Pace):

@@ -1,0 +1,233 @@
+"""Newton's method on the incremental potential of a system, by PETSc's SNES.
+
+SNES calls back for residual and Jacobian; before it takes a step, the step is cut
+to stay admissible (no crossing of the families) and then, once the prescribed
+placements are attained, backtracked until the incremental potential falls enough.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from petsc4py import PETSc
+
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.solver.admissible import SHARE, Barrier
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.convergence import Convergence
+from wovenfab.solver.factor import Factor
+from wovenfab.solver.inertia import Inertia, start_vector
+from wovenfab.solver.search import backtrack
+from wovenfab.solver.snes import create_snes
+from wovenfab.solver.system import System
+
+Reason = PETSc.SNES.ConvergedReason
+#: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
+STUCK = 2
+
+
+class Newton:
+    """Solves a system with its present forms; objects are made once.
+
+    Attributes:
+        snes: PETSc's solver.
+        solution: Its unknowns, m.
+        inertia: Judges the tangent.
+        norm: Norm of the forces that do not balance at the last iterate, N.
+        saddle_at_start: Whether the tangent was indefinite where the last solve began.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        constraints: Constraints,
+        controls: Controls,
+        factor: Factor,
+        barrier: Barrier,
+    ) -> None:
+        """Create vectors and SNES.
+
+        Args:
+            system: Residual, tangent and potential.
+            constraints: Its prescribed placements.
+            controls: Tolerances and alternatives.
+            factor: Solves the linear systems.
+            barrier: Where the families would cross.
+        """
+        self.system, self.controls, self.factor, self.barrier = system, controls, factor, barrier
+        self.solution = system.residual.duplicate()
+        self.norm, self.saddle_at_start = 0.0, False
+        self._assembled = np.zeros(self.solution.getLocalSize())  # where the tangent was formed
+        self._convergence = Convergence(controls.tolerance, _largest_cell(system.model))
+        self._potential: float | None = None
+        self._decrement = np.inf
+        self._stuck = 0
+        self._most = controls.max_iterations
+        self.snes = create_snes(system.model.comm, controls, factor)
+        self.snes.setFunction(self.evaluate_residual, system.residual)
+        self.snes.setJacobian(self.evaluate_jacobian, system.matrix)
+        self.snes.setObjective(self.evaluate_objective)
+        self.snes.setLineSearchPreCheck(self.limit_step)
+        self.snes.setConvergenceTest(self.test)
+        start = start_vector(system.model.placements, constraints.bcs, controls.seed)
+        self.inertia = Inertia(factor, system.matrix, self.assemble_tangent, start)
+
+    def solve(self, most: int) -> int:
+        """Solve from the model's present field; return PETSc's reason.
+
+        Args:
+            most: Number of iterations.
+        """
+        system = self.system
+        self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
+        self._potential, self._decrement = None, np.inf
+        self._stuck, self.norm, self._most = 0, np.nan, most
+        system.begin()
+        self.inertia.restart()
+        # Descents meet tangents that are not, and carried stress changes them too much.
+        self.factor.definite = not (self.controls.descend or system.carried)
+        if self.factor.status < 0:
+            self.factor.forget()
+        if system.carried:
+            system.carried.begin(system.size_of_tangent)
+        self.snes.solve(None, self.solution)
+        system.load(self.solution)
+        return int(self.snes.getConvergedReason())
+
+    def judge(self, before: NDArray[np.float64]) -> int:
+        """Return the number of negative eigenvalues at a solution, by which others are judged.
+
+        Args:
+            before: This rank's own unknowns at the last solution, m.
+        """
+        moved = self.snes.getIterationNumber() > 0
+        negatives = self.inertia.judge(self._unseen(before) if moved else np.inf)
+        self._convergence.accept(self.system.force_norm, self._potential or 0.0)
+        return negatives
+
+    def watch(self, tell: Callable[[], None]) -> None:
+        """Call ``tell`` on every rank at each iterate, with the model's field set to it."""
+
+        def look(snes: Any, *_: Any) -> None:
+            self.system.load(snes.getSolution())
+            tell()
+
+        self.snes.setMonitor(look)
+
+    def assemble_tangent(self) -> None:
+        """Put the tangent of the model's present field in the matrix, the plain one."""
+        model = self.system.model
+        model.last.x.array[:] = model.field.x.array
+        self.solution.array_w[:] = model.field.x.array[: self.solution.getLocalSize()]
+        self.evaluate_jacobian(self.snes, self.solution, None, None)
+
+    def evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
+        """Put the residual in ``b``."""
+        self.system.load(x)
+        self.system.evaluate_residual(b)
+
+    def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        """Put the tangent in the matrix."""
+        self.system.load(x)
+        self._assembled[:] = x.array_r
+        size = self.system.evaluate_tangent()
+        self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
+
+    def evaluate_objective(self, snes: Any, x: Any) -> float:
+        """Return the potential, J."""
+        self.system.load(x)
+        return self.system.energy()
+
+    def limit_step(self, x: Any, y: Any) -> bool:
+        """Shorten the step so that x - y is admissible and lowers the potential."""
+        self.system.load(x)
+        model, barrier = self.system.model, self.barrier
+        if not self.snes.getIterationNumber():
+            self.saddle_at_start = self.inertia.saddle
+        if self.system.attained and self.controls.descend:
+            self.inertia.descend(self.snes.getFunction()[0], y)
+        model.last.x.array[:] = model.field.x.array
+        inside = self.system.carried.correct(self.factor, y) if self.system.carried else 1.0
+        barrier.step.x.array[: y.getLocalSize()] = -y.array_r
+        barrier.step.x.scatter_forward()
+        limit = SHARE * barrier.limit() if self.controls.step_limit else 1.0
+        length = min(inside, limit)
+        if self.system.carried:
+            self.system.carried.go(length)
+        elif self.system.attained and self.controls.line_search:
+            length = self._backtrack(y, length)
+        else:
+            self._potential, self._decrement = None, np.inf
+        if length < 1.0:
+            y.scale(length)
+            return True
+        return False
+
+    def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """End where forces balance or nothing is gained any more."""
+        residual = self.norm = norms[2]
+        if not np.isfinite([residual, self.system.force_norm]).all():
+            return int(Reason.DIVERGED_FNORM_NAN)
+        if self.system.attained and self._is_lawful():
+            reason = self._convergence.reason(
+                residual, self.system.force_norm, self._decrement, self._potential or 0.0
+            )
+            if reason is not None:
+                return reason
+        if self._stuck >= STUCK:
+            return int(Reason.DIVERGED_LINE_SEARCH)
+        if iteration >= self._most:
+            return int(Reason.DIVERGED_MAX_IT)
+        return int(Reason.CONVERGED_ITERATING)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self.inertia.destroy()
+        for item in (self.snes, self.solution):
+            item.destroy()
+
+    def _backtrack(self, y: Any, length: float) -> float:
+        """Return a step length with sufficient decrease of the incremental potential."""
+        field, step, last = self.system.model.field, self.barrier.step, self.system.model.last
+        start = self.system.energy() if self._potential is None else self._potential
+        slope = float(self.snes.getFunction()[0].dot(y))  # decrease per unit length
+        noise = self._convergence.noise(start)
+
+        def potential(at: float) -> float:
+            field.x.array[:] = last.x.array + at * step.x.array
+            return self.system.energy()
+
+        length, self._potential = backtrack(potential, start, slope, length, noise)
+        self._stuck = self._stuck + 1 if self._potential is None else 0
+        self._decrement = abs(slope) if length == 1.0 else np.inf
+        return length
+
+    def _is_lawful(self) -> bool:
+        """Return whether the carried stresses meet their laws."""
+        if self.system.carried is None:
+            return True
+        return self.system.carried.settled(self.controls.tolerance, self._scale_of_energy)
+
+    def _scale_of_energy(self) -> float:
+        """Return the largest energy (J) of an equilibrium so far, and of this state."""
+        self._potential = self.system.energy()
+        return self._convergence.scale_of(self._potential)
+
+    def _unseen(self, before: NDArray[np.float64]) -> float:
+        """Return how far from here the tangent was formed, over the way from the last solution."""
+        now = self.solution.array_r
+        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (self._assembled, before)]
+        step, whole = np.max(self.system.model.comm.allgather(ways), axis=0)
+        return step / whole if whole > 0 else np.inf
+
+
+def _largest_cell(model: Model) -> float:
+    """Return the size of the largest cell, m; collective."""
+    mesh = model.sheet.mesh
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return float(model.comm.allreduce(mesh.h(2, cells).max(initial=0.0), op=MPI.MAX))
