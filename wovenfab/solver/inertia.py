@@ -76,14 +76,23 @@ class Inertia:
         known = unseen <= UNSEEN and not self._own and not self._shift
         if known and before is not None and not self._factor.negatives:
             self._soft.axpy(MIXED, self._start)
-            value = self._sweep(SWEEPS)
-            if value > before - value:
+            value = self._sweep(SWEEPS)  # may have had to factorise
+            if value > before - value and not self._factor.negatives:
                 self._value = value
                 return 0
         self._refactor()
         found = self._factor.negatives
         self._value = self._sweep(SWEEPS if before else FIRST_SWEEPS) if not found else None
         return found
+
+    def begin(self) -> None:
+        """Note how soft the state is that a solve begins at, if no solution is known; collective.
+
+        Newton's first matrix must just have been solved with: it is that state's.
+        """
+        fresh = self._factor.is_present and not self._own and not self._factor.negatives
+        if self._anything and self._value is None and fresh:
+            self._value = self._sweep(FIRST_SWEEPS)
 
     @property
     def saddle(self) -> bool:

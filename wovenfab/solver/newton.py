@@ -149,6 +149,7 @@ class Newton:
         model, barrier = self.system.model, self.barrier
         if not self.snes.getIterationNumber():
             self.saddle_at_start = self.inertia.saddle
+            self.inertia.begin()
         if self.system.attained and self.controls.descend:
             self.inertia.descend(self.snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
