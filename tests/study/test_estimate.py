@@ -56,12 +56,12 @@ def elements(degree: int, mesh_size: float) -> str:
     return f"discretisation={{degree: {degree}, mesh_size: {mesh_size} m}}"
 
 
-@pytest.mark.parametrize("rate", [1.5, 3.0, 9.0])
+@pytest.mark.parametrize("rate", [0.7, 1.5, 3.0, 9.0])
 def test_the_limit_of_a_sequence_of_degrees_is_found(rate: float) -> None:
     values = [10 + 4 * p**-rate for p in (2, 3, 4)]
     found = error_of_degrees((2, 3, 4), values)
     true = [v - 10 for v in values]
-    assert found == pytest.approx(true, rel=1e-6 if rate >= 2 else 0.5)
+    assert found == pytest.approx(true, rel=1e-6 if rate >= 1 else 0.5)
 
 
 def test_the_limit_of_steps_of_second_order_is_found() -> None:
@@ -199,8 +199,8 @@ def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
     ("name", "force", "dissipated"),
     [
         # limits as in docs/accuracy.md
-        ("bias-1x3", 343.997, 3.1591),
-        pytest.param("spin-1x3", 363.346, 4.6431, marks=pytest.mark.slow),
+        ("bias-1x3", 344.00, 3.1604),
+        pytest.param("spin-1x3", 363.19, 4.6439, marks=pytest.mark.slow),
     ],
 )
 def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(

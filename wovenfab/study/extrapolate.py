@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from scipy.optimize import brentq
 
 #: Slowest and fastest convergence that is believed: exponents of degree. Beside a singularity
-#: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/2 at the tip of a crack.
-SLOWEST, FASTEST = 2.0, 40.0
+#: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/4 at least: where a
+#: clamped side of a cut meets its free one.
+SLOWEST, FASTEST = 1.0, 40.0
 
 
 def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:
