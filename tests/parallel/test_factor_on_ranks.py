@@ -9,7 +9,7 @@ from petsc4py import PETSc
 
 from wovenfab.solver.factor import Factor, create_direct
 
-pytestmark = pytest.mark.mpi
+pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 
 #: So large that MUMPS shares the last block, which is all of a full matrix, among the ranks.
 SIZE = 1200

@@ -22,11 +22,10 @@ from petsc4py import PETSc
 Reason = PETSc.KSP.ConvergedReason
 #: Of MUMPS: status, number of negative pivots, entries of the factor, operations for it.
 STATUS, NEGATIVE, ENTRIES, OPERATIONS = 1, 12, 29, 3
-#: Of MUMPS: null pivots are counted apart instead of ending the factorisation; the last
-#: block is left to MUMPS itself, which else does not count its negative pivots.
-COUNT_NULL, OWN_ROOT = 24, 13
-#: Status of MUMPS where pivots are null, or not positive in the last block.
-NOT_POSITIVE = (-10, -40)
+#: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
+COUNT_NULL = 24
+#: Status of MUMPS where a pivot is null.
+SINGULAR = -10
 #: Operations for an entry of the factor that take as long as to use the entry in an iteration.
 OPERATIONS_PER_USE = 40.0
 #: Error of a solution in the norm of energy, relative: beyond what Newton's steps can tell.
@@ -74,7 +73,6 @@ class Factor:
         self.definite = True
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
-        self._root_is_given = PETSc.Options().hasName(f"mat_mumps_icntl_{OWN_ROOT}")
         self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
         self.counts = self.method == ("preonly", "cholesky", "mumps")
         self._positive = self.counts  # whether all were so far
@@ -164,7 +162,7 @@ class Factor:
     def _renew(self) -> None:
         self._pc.setReusePreconditioner(False)
         self._factorise()
-        if self._positive and (self.negatives or self.status in NOT_POSITIVE):
+        if self._positive and (self.negatives or self.status == SINGULAR):
             self._positive = False
             self._pc.reset()
             self._factorise()
@@ -180,9 +178,6 @@ class Factor:
         if self.counts:
             self._matrix.setOption(PETSc.Mat.Option.SPD, self._positive)
         self._direct.setOperators(self._matrix)
-        if self.counts and not self._root_is_given:
-            self._pc.setFactorSetUpSolverType()
-            self._pc.getFactorMatrix().setMumpsIcntl(OWN_ROOT, int(not self._positive))
         self._direct.setUp()
 
     def _refine(self, b: Any, x: Any, accuracy: float) -> bool:

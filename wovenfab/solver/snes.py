@@ -26,7 +26,8 @@ class Options:
     def __init__(self, controls: Controls) -> None:
         """Set the options of a solver."""
         # The line search is ours, in the pre-check; PETSc's own stay reachable.
-        ours = {"snes_linesearch_type": "basic"}
+        # MUMPS counts negative pivots only where it leaves the last block to itself (13).
+        ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
         settings = {**ours, **(controls.options or {})}
         options = PETSc.Options()
         self._mine = [name for name in settings if name not in options]
