@@ -21,7 +21,7 @@ from wovenfab.study.precision.climb import Runner
 from wovenfab.study.precision.error import Ladder, best_of, order_of, own_error
 from wovenfab.study.precision.keep import KeptRuns
 from wovenfab.study.precision.result import Study
-from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure, peak_of
+from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure
 from wovenfab.study.precision.settings import Setting
 from wovenfab.study.precision.study import TARGETS, study
 
@@ -165,15 +165,6 @@ def test_a_method_that_is_on_its_way_to_the_best_answer_supports_it() -> None:
     near = Ladder("near", (4, 2, 1), (2.16, 2.04, 2.01), 2)
     behind = Ladder("behind", (4, 2, 1), (2.32, 2.16, 2.08), 2)
     assert best_of([behind, near]).error == own_error(near) == pytest.approx(0.01)
-
-
-def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
-    times = [0.0, 0.5, 0.9, 1.6, 2.0]
-    forces = [4 - (t - 1) ** 2 for t in times]
-    assert peak_of(times, forces, [False] * 5) == pytest.approx(4)
-    assert peak_of(times, [-f for f in forces], [False] * 5) == pytest.approx(-4)
-    assert peak_of(times, forces, [True] * 5) == forces[2]
-    assert peak_of(times[:3], forces[:3], [False] * 3) == forces[2]
 
 
 def test_rms_beta_is_that_of_the_field() -> None:

@@ -43,7 +43,7 @@ class Formula:
         h = case.discretisation.mesh_size
         assert h is not None
         unknowns = round(200 * (0.1 * case.discretisation.degree / h) ** 2)
-        steps = case.time.steps_per_cycle
+        steps = self.steps(case)
         return Measured(
             values={
                 name: value * (1 + share * mesh + step + self.mixed * share * mesh * step)
@@ -63,7 +63,14 @@ class Formula:
         size = (numerics.mesh_size or 0.0) / 0.15
         mesh = 0.06 * 3.0 ** (2 - numerics.degree) * size ** (numerics.degree if good else 1)
         order = SCHEMES[case.time.scheme].order
-        return mesh, 0.04 * (10 / case.time.steps_per_cycle) ** order
+        share = case.time.tolerance and case.time.tolerance / 0.02
+        return mesh, 0.04 * (share or (10 / case.time.steps_per_cycle) ** order)
+
+    @staticmethod
+    def steps(case: Case) -> int:
+        """Return the number of steps; adaptive ones are more for the same error."""
+        tolerance = case.time.tolerance
+        return round(30 * (0.02 / tolerance) ** 0.5) if tolerance else case.time.steps_per_cycle
 
 
 def studied(runner: Formula, budget: float = 300.0) -> Study:

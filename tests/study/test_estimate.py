@@ -12,7 +12,7 @@ from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import model_of, sheet_of
 from wovenfab.simulation.raised import raised
-from wovenfab.simulation.trace import brief, crest_of, discretised, paced, steps_in, trace_of
+from wovenfab.simulation.trace import brief, discretised, paced, steps_in, trace_of
 from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
 from wovenfab.study.wanted.error_map import shares
 from wovenfab.study.wanted.estimate import (
@@ -240,19 +240,6 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     assert first == second < third
     assert found is not None
     assert abs(worst(found.errors)) <= 0.05
-
-
-@pytest.mark.parametrize("kink", [0.0, 0.1])
-def test_a_crest_between_steps_is_found(kink: float) -> None:
-    def force(t: np.ndarray) -> np.ndarray:
-        late = np.maximum(t - 0.473, 0)
-        return np.asarray(1 - np.cos(2 * np.pi * t) - 20 * kink * late)
-
-    times = np.linspace(0, 1, 33)
-    true = force(np.linspace(0, 1, 100_001)).max()
-    sampled = force(times)
-    assert abs(crest_of(times, sampled) / true - 1) < 2e-3
-    assert abs(crest_of(times, -sampled) + true) < 2e-3 * true
 
 
 def test_steps_are_thinned_alike_in_all_segments() -> None:

@@ -13,6 +13,7 @@ from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.assemble import program_of_case
+from wovenfab.simulation.crest import crest_of
 from wovenfab.simulation.near import Near
 from wovenfab.simulation.rig import rig_of
 
@@ -21,8 +22,6 @@ Array = NDArray[np.float64]
 FEWEST = 4
 #: Share of an accuracy to which forces must balance where answers are compared.
 LOOSE = 0.1
-#: Steps before and after a crest that tell how high it is, and points between two steps.
-REACH, BETWEEN = 3, 33
 
 
 @dataclass(frozen=True)
@@ -66,34 +65,6 @@ class Trace:
     def crest(self) -> float:
         """Largest force in size (N), between steps, too."""
         return crest_of(self.times, self.forces)
-
-
-def crest_of(times: Array, forces: Array) -> float:
-    """Return the force of largest size that the curve reaches, maybe between two steps.
-
-    Before and after it the curve goes on as parabolas through three steps each, which meet
-    where it is largest, be that smooth or, where friction turns round, a kink.
-
-    Args:
-        times: Of the steps, s, shape (n,).
-        forces: At the steps, N, shape (n,).
-    """
-    at = int(np.abs(forces).argmax())
-    sign = 1.0 if forces[at] >= 0 else -1.0
-    best = abs(float(forces[at]))
-    for j in (at - 1, at):
-        if j < REACH - 1 or j + REACH >= len(times):
-            continue
-        t = np.linspace(times[j], times[j + 1], BETWEEN)
-        before, after = slice(j - REACH + 1, j + 1), slice(j + 1, j + REACH + 1)
-        sides = [_parabola(times[s], sign * forces[s], t) for s in (before, after)]
-        best = max(best, float(np.minimum(*sides).max()))
-    return sign * best
-
-
-def _parabola(times: Array, values: Array, at: Array) -> Array:
-    origin = times[-1]
-    return np.asarray(np.polyval(np.polyfit(times - origin, values, 2), at - origin))
 
 
 def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = False) -> Trace:

@@ -131,7 +131,7 @@ class Climb:
             found = self._known[setting.overrides] = self._runner(setting)
             self._now.spent += found.wall
         count = found.unknowns if setting.stage == "space" else found.steps**2
-        run = Run(setting, found, 1 / sqrt(max(count, 1)))
+        run = Run(setting, found, setting.size or 1 / sqrt(max(count, 1)))
         if found.failure:
             self._now.failed.append(run)
         self._tell(self._now, setting, expected, run)

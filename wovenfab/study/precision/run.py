@@ -10,7 +10,7 @@ import json
 import resource
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from math import sqrt
 from pathlib import Path
@@ -26,6 +26,7 @@ from wovenfab.case import Case, read_case
 from wovenfab.model.compiler import cache_folder, compile_form
 from wovenfab.model.model import Model
 from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.crest import peak_of
 from wovenfab.simulation.rig import Rig, rig_of
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.stability import StabilityLostError
@@ -111,8 +112,7 @@ def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
         failure = str(error)
     stepping = time.perf_counter() - start - paused
     if len(steps) > 1:
-        kinks = [s.milestone is not None and s.milestone.jump for s in steps]
-        values[PEAK_FORCE] = peak_of([s.time for s in steps], forces, kinks)
+        values[PEAK_FORCE] = peak_of(np.array([s.time for s in steps]), np.array(forces))
     if steps and steps[-1].dissipated:
         cycles = max(len(rig.program.cycles), 1)
         values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
@@ -128,25 +128,6 @@ def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
         memory=_peak_memory(),
         failure=failure,
     )
-
-
-def peak_of(times: Sequence[float], forces: Sequence[float], kinks: Sequence[bool]) -> float:
-    """Return the force of largest size, between steps on a parabola through three of them.
-
-    The largest of the steps' own forces would change by chance from one step size to the
-    next, in the same way with every scheme, and so hide how well it is known.
-
-    Args:
-        times: Time of each step, s.
-        forces: Force at each step, N.
-        kinks: Whether the velocity jumps there; then the step's own force is taken.
-    """
-    at = int(np.abs(forces).argmax())
-    if at in (0, len(forces) - 1) or kinks[at]:
-        return forces[at]
-    t = np.array(times[at - 1 : at + 2]) - times[at]
-    a, b, c = np.polyfit(t, forces[at - 1 : at + 2], 2)
-    return float(c - b * b / (4 * a)) if a else forces[at]
 
 
 class RmsBeta:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 from math import log2
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from wovenfab.stepping.scheme import SCHEMES
 _FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
 #: Planned steps of a study's first run in time, as a share of the case's.
 COARSEST = 1 / 4
+#: Error of a step with which adaptive ones begin.
+_ROUGHEST = 0.02
 #: Smallest cells over cells elsewhere where corners alone are graded, at two cells across: then it
 #: falls with the mesh size, since corners are singular and elements of higher order feel it.
 _GRADING = 1 / 4
@@ -29,6 +32,7 @@ class Method:
         order: Order in theory at best: the elements' degree, or the scheme's.
         first_size: Mesh size of the first run, m; 0 for a method in time.
         grading: Corner size over mesh size of the first run; 0 for none.
+        tolerance: Error of a step in the first run; 0 for planned steps.
     """
 
     name: str
@@ -36,6 +40,7 @@ class Method:
     order: float
     first_size: float = 0.0
     grading: float = 0.0
+    tolerance: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,7 @@ class Setting:
         what: The mesh size or steps that tell it from other runs of the method.
         mesh: Values of the case that make the mesh and the elements.
         steps: Values of the case that make the steps.
+        size: What goes to zero, where neither unknowns nor steps tell.
     """
 
     stage: str
@@ -57,6 +63,7 @@ class Setting:
     what: str
     mesh: tuple[str, ...] = field(repr=False)
     steps: tuple[str, ...] = field(repr=False)
+    size: float | None = None
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -89,14 +96,14 @@ class Steps:
     def with_factor(self, factor: float) -> tuple[str, ...]:
         """Return the values of the case that multiply its steps."""
         found = []
-        for number, (segment, count) in enumerate(
+        for number, (segment, planned) in enumerate(
             zip(self.case.program, self._counts(factor), strict=True)
         ):
             if isinstance(segment, Cycles):
-                per_cycle = count // len(segment.amplitudes)
+                per_cycle = planned // len(segment.amplitudes)
                 found.append(f"time.steps_per_cycle={per_cycle}")
             elif not isinstance(segment, Table):
-                found.append(f"{self._place(number)}.steps={count}")
+                found.append(f"{self._place(number)}.steps={planned}")
         return tuple(dict.fromkeys(found))
 
     def _counts(self, factor: float) -> list[int]:
@@ -187,16 +194,37 @@ def space_ladder(method: Method, coarse_steps: Sequence[str]) -> Iterator[Settin
         level += 1
 
 
-def time_methods() -> list[Method]:
-    """Return the methods in time: every scheme."""
-    return [Method(s.name, (f"time.scheme={s.name}",), s.order) for s in SCHEMES.values()]
+def time_methods(case: Case) -> list[Method]:
+    """Return the methods in time: every scheme, and steps that adapt where their error is known."""
+    equal = [Method(s.name, (f"time.scheme={s.name}",), s.order) for s in SCHEMES.values()]
+    if not case.needs.rate:
+        return equal
+    paced = SCHEMES["bdf2"]
+    overrides = (f"time.scheme={paced.name}",)
+    return [*equal, Method(f"{paced.name}, adaptive", overrides, paced.order, tolerance=_ROUGHEST)]
 
 
 def time_ladder(method: Method, mesh: Sequence[str], steps: Steps) -> Iterator[Setting]:
-    """Yield the settings of a scheme on a mesh, each with twice the steps of the last."""
-    factor = COARSEST
-    while True:
-        what = f"{steps.planned(factor)} steps"
-        overrides = (*method.overrides, *steps.with_factor(factor))
-        yield Setting("time", method.name, method.order, what, tuple(mesh), overrides)
-        factor *= 2
+    """Yield the settings of a method on a mesh, each with about twice the steps of the last."""
+    made = _adaptive if method.tolerance else _equal
+    for level in count():
+        what, size, values = made(method, steps, level)
+        overrides = (*method.overrides, *values)
+        yield Setting("time", method.name, method.order, what, tuple(mesh), overrides, size)
+
+
+#: Steps in words, what their length is proportional to where their number does not tell, and
+#: their values of the case.
+_Made = tuple[str, float | None, tuple[str, ...]]
+
+
+def _equal(_: Method, steps: Steps, level: int) -> _Made:
+    factor = COARSEST * 2**level
+    values = ("time.tolerance=null", *steps.with_factor(factor))
+    return f"{steps.planned(factor)} steps", None, values
+
+
+def _adaptive(method: Method, steps: Steps, level: int) -> _Made:
+    tolerance = method.tolerance / 2 ** (method.order * level)
+    values = (f"time.tolerance={tolerance:.6g}", *steps.with_factor(COARSEST))
+    return f"tolerance {100 * tolerance:.2g} %", tolerance ** (1 / method.order), values

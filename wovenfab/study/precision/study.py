@@ -67,7 +67,9 @@ def study(
     _judge(now, "space", now.space)
     mesh = _adequate(now, budget) if in_time and now.space else None
     if mesh is not None:
-        schemes = climb.start([time_ladder(m, mesh.setting.mesh, steps) for m in time_methods()])
+        schemes = climb.start(
+            [time_ladder(m, mesh.setting.mesh, steps) for m in time_methods(case)]
+        )
         climb(schemes, now.time, now.spent + _IN_TIME * (budget - now.spent))
         _judge(now, "time", now.time)
     if mesh is not None and now.time:

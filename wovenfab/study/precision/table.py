@@ -71,8 +71,8 @@ def _row(found: Study, run: Run) -> dict[str, Any]:
 def orders(found: Study, run: Run) -> dict[str, str]:
     """Return the observed order of each quantity from the run before on the same ladder.
 
-    In 1/sqrt(unknowns) or 1/steps, towards the best answer; none where that is no better
-    known than the run, and of combinations.
+    In 1/sqrt(unknowns), 1/steps or sqrt(tolerance), towards the best answer; none where that
+    is no better known than the run, and of combinations.
     """
     stage = run.setting.stage
     runs = {"space": found.space, "time": found.time}.get(stage, [])

@@ -1,0 +1,71 @@
+"""The largest force of a curve that is known at steps only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from wovenfab.simulation.crest import crest_of, peak_of
+
+Largest = Callable[[np.ndarray, np.ndarray], float]
+BOTH = pytest.mark.parametrize("largest", [crest_of, peak_of])
+
+
+@BOTH
+def test_a_parabola_is_found_whatever_the_steps(largest: Largest) -> None:
+    times = np.array([0.0, 0.1, 0.3, 0.5, 0.9, 1.6, 2.0, 2.1, 2.3])
+    forces = 4 - (times - 1) ** 2
+    assert largest(times, forces) == pytest.approx(4, rel=1e-5)
+    assert largest(times, -forces) == pytest.approx(-4, rel=1e-5)
+
+
+@BOTH
+def test_at_the_first_or_last_step_nothing_lies_beyond(largest: Largest) -> None:
+    times = np.linspace(0, 1, 5)
+    assert largest(times, times**2) == 1
+    assert largest(times, (1 - times) ** 2) == 1
+    assert largest(times[:2], times[:2]) == 0.25
+
+
+@pytest.mark.parametrize("kink", [0.0, 0.1])
+def test_a_crest_between_steps_is_found(kink: float) -> None:
+    def force(t: np.ndarray) -> np.ndarray:
+        late = np.maximum(t - 0.473, 0)
+        return np.asarray(1 - np.cos(2 * np.pi * t) - 20 * kink * late)
+
+    times = np.linspace(0, 1, 33)
+    true = force(np.linspace(0, 1, 100_001)).max()
+    sampled = force(times)
+    assert abs(crest_of(times, sampled) / true - 1) < 2e-3
+    assert abs(crest_of(times, -sampled) + true) < 2e-3 * true
+
+
+def test_where_a_layer_is_not_resolved_the_peak_is_not_overshot() -> None:
+    def force(t: np.ndarray) -> np.ndarray:  # friction that turns round within a step
+        return np.asarray(10 * t * (2 - t) - np.tanh((t - 1) / 0.02))
+
+    true = force(np.linspace(0.9, 1.1, 100_001)).max()
+    errors = []
+    for late in np.linspace(0, 0.05, 11):
+        times = np.arange(0.6 + late, 1.4, 0.05)
+        errors.append(peak_of(times, force(times)) / true - 1)
+    assert max(errors) < 5e-3
+    assert min(errors) > -1e-2
+
+
+def test_long_steps_do_not_overshoot_a_round_top() -> None:
+    times = np.linspace(0, 1, 11)
+    for late in np.linspace(0, 0.1, 6):
+        force = 1 - np.cos(2 * np.pi * (times - late))
+        assert force.max() - 1e-9 < peak_of(times, force) < 2.01
+
+
+@BOTH
+def test_where_the_velocity_jumps_the_step_itself_is_the_crest(largest: Largest) -> None:
+    times = np.arange(9.0)
+    relaxing = np.concatenate([np.arange(5.0), 2 + 2 * np.exp(-np.arange(1.0, 5.0))])
+    assert largest(times, relaxing) == pytest.approx(4)
+    dropping = np.concatenate([np.arange(5.0), np.full(4, 2.0)])
+    assert largest(times, dropping) == pytest.approx(4)
