@@ -39,7 +39,7 @@ bench: ## measure speed, as phases and ratios in one run
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
 	$(enter) python3 -m wovenfab.hard $(rows) $(quick)
 
-accuracy: ## write docs/accuracy.md: what accuracy costs (20 minutes at most)
+accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m wovenfab.bench.accuracy_page
 
 paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)

@@ -149,6 +149,11 @@ def test_without_an_order_nothing_is_extrapolated() -> None:
     assert own_error(Ladder("a", (1,), (1.0,), 2)) == np.inf
 
 
+def test_where_refinement_is_irregular_no_order_is_believed() -> None:
+    ladder = Ladder("adaptive", (4, 2, 1), (2.0, 1.2, 1.19), 2, regular=False)
+    assert own_error(ladder) == pytest.approx(0.8)
+
+
 def test_a_method_that_converges_to_something_else_is_not_believed() -> None:
     wrong = Ladder("wrong", (4, 2, 1), (2.16, 2.04, 2.01), 2)
     right = Ladder("right", (4, 2, 1), (1.4, 1.2, 1.1), 2)

@@ -63,7 +63,7 @@ _BONDED, _ELASTIC = "configs/bonded-1x3.yaml", "configs/elastic-1x3.yaml"
 _SLIP, _BOTH = "configs/bias-1x3.yaml", "configs/spin-1x3.yaml"
 STUDIES = (
     Shown("bonded", "One placement, elastic", _BONDED, (_MESH,), 1.5),
-    Shown("bonded-spin", "One placement, spin friction", _BONDED, (_MESH, *_CYCLE, _SPIN), 5.0),
+    Shown("bonded-spin", "One placement, spin friction", _BONDED, (_MESH, *_CYCLE, _SPIN), 7.0),
     Shown("elastic", "Two placements, elastic", _ELASTIC, (), 1.5),
     Shown("slip", "Two placements, slip friction", _SLIP, _CYCLE, 6.0),
     Shown("slip-spin", "Two placements, slip and spin friction", _BOTH, _CYCLE, 6.0),

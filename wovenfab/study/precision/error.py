@@ -21,15 +21,18 @@ class Ladder:
 
     Attributes:
         method: Its name.
-        sizes: What goes to zero: 1/sqrt(unknowns) or 1/steps, descending.
+        sizes: What goes to zero: 1/sqrt(unknowns), 1/steps or sqrt(tolerance), descending.
         values: The quantity.
         order: Order in theory at best; a higher one is chance, and is not extrapolated with.
+        regular: Whether each setting is finer than the last everywhere and alike; else the order
+            that shows is chance, too.
     """
 
     method: str
     sizes: tuple[float, ...]
     values: tuple[float, ...]
     order: float
+    regular: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,7 +102,7 @@ def own_error(ladder: Ladder) -> float:
     if len(values) == 2:
         return max(last / (ratio - 1), floor)
     before, ratio_before = abs(values[-2] - values[-3]), sizes[-3] / sizes[-2]
-    order = order_of(sizes, values)
+    order = order_of(sizes, values) if ladder.regular else None
     if order is None:
         return max(last, before, floor)
     p = min(order, ladder.order)

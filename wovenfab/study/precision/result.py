@@ -75,6 +75,8 @@ def ladders_of(runs: Sequence[Run], name: str) -> list[Ladder]:
     found = []
     for method in methods:
         mine = [r for r in runs if r.setting.method == method]
+        sizes = tuple(r.size for r in mine)
         values = tuple(r.measured.values[name] for r in mine)
-        found.append(Ladder(method, tuple(r.size for r in mine), values, mine[0].setting.order))
+        first = mine[0].setting
+        found.append(Ladder(method, sizes, values, first.order, first.size is None))
     return found

@@ -54,7 +54,7 @@ class Setting:
         what: The mesh size or steps that tell it from other runs of the method.
         mesh: Values of the case that make the mesh and the elements.
         steps: Values of the case that make the steps.
-        size: What goes to zero, where neither unknowns nor steps tell.
+        size: What goes to zero where steps adapt, which refines some of them more than others.
     """
 
     stage: str
