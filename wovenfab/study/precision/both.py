@@ -80,15 +80,17 @@ class Together:
 
         The product of both errors, or more where pairs show it: a pair and the base, both
         corrected, differ by (1 - x) (1 - y) of it, whatever the best answers are. That is so
-        to first order; the next changes it by no more than the errors at the base.
+        to first order; the next changes it by no more than the errors at the base. A pair that
+        is coarser in one factor has a mixed part of its own, which tells nothing of the base's.
         """
         first, second = self._errors(Pair(0.0, self.base, self.base))
         seen = [first * second]
         at_base = self._corrected(Pair(self.base, self.base, self.base))
         for pair in self.pairs:
             x, y = self._shares(pair)
-            part = (1 - min(x, 1)) * (1 - min(y, 1))
-            seen.append(abs(self._corrected(pair) / at_base - 1) / max(part, _LEAST_SEEN))
+            if x < 1 and y < 1:
+                part = max((1 - x) * (1 - y), _LEAST_SEEN)
+                seen.append(abs(self._corrected(pair) / at_base - 1) / part)
         return max(seen) * (1 + first + second)
 
     def _corrected(self, pair: Pair) -> float:
