@@ -70,7 +70,7 @@ def growth() -> list[Figure]:
 def _best(size: float, ranks: int) -> Sample:
     """Print and return the fastest of some runs."""
     runs = [_run(size, ranks) for _ in range(RUNS)]
-    print(f"{ranks} ranks: " + ", ".join(f"{s.seconds:.1f}" for s in runs) + " s", flush=True)
+    print(f"ranks {ranks}: " + ", ".join(f"{s.seconds:.1f}" for s in runs) + " s", flush=True)
     return min(runs, key=lambda s: s.seconds)
 
 
