@@ -10,7 +10,13 @@ import pytest
 from wovenfab.simulation.crest import crest_of, peak_of
 
 Largest = Callable[[np.ndarray, np.ndarray], float]
-BOTH = pytest.mark.parametrize("largest", [crest_of, peak_of])
+
+
+def smooth_peak_of(times: np.ndarray, forces: np.ndarray) -> float:
+    return peak_of(times, forces, [False] * len(times))
+
+
+BOTH = pytest.mark.parametrize("largest", [crest_of, smooth_peak_of])
 
 
 @BOTH
@@ -50,7 +56,7 @@ def test_where_a_layer_is_not_resolved_the_peak_is_not_overshot() -> None:
     errors = []
     for late in np.linspace(0, 0.05, 11):
         times = np.arange(0.6 + late, 1.4, 0.05)
-        errors.append(peak_of(times, force(times)) / true - 1)
+        errors.append(smooth_peak_of(times, force(times)) / true - 1)
     assert max(errors) < 5e-3
     assert min(errors) > -1e-2
 
@@ -59,7 +65,7 @@ def test_long_steps_do_not_overshoot_a_round_top() -> None:
     times = np.linspace(0, 1, 11)
     for late in np.linspace(0, 0.1, 6):
         force = 1 - np.cos(2 * np.pi * (times - late))
-        assert force.max() - 1e-9 < peak_of(times, force) < 2.01
+        assert force.max() - 1e-9 < smooth_peak_of(times, force) < 2.01
 
 
 @BOTH
@@ -69,3 +75,12 @@ def test_where_the_velocity_jumps_the_step_itself_is_the_crest(largest: Largest)
     assert largest(times, relaxing) == pytest.approx(4)
     dropping = np.concatenate([np.arange(5.0), np.full(4, 2.0)])
     assert largest(times, dropping) == pytest.approx(4)
+
+
+def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
+    times = np.array([0.0, 0.5, 0.9, 1.6, 2.0])
+    forces = 4 - (times - 1) ** 2
+    assert peak_of(times, forces, [False] * 5) == pytest.approx(4)
+    assert peak_of(times, -forces, [False] * 5) == pytest.approx(-4)
+    assert peak_of(times, forces, [True] * 5) == forces[2]
+    assert peak_of(times[:3], forces[:3], [False] * 3) == forces[2]

@@ -6,6 +6,8 @@ same way with every scheme, and so hides how well it is known.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,25 +39,26 @@ def crest_of(times: Array, forces: Array) -> float:
     return sign * best
 
 
-def peak_of(times: Array, forces: Array) -> float:
+def peak_of(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
     """Return the force of largest size that the curve reaches.
 
     It is the top of the parabola through the largest step and its neighbours; but no more
-    than :func:`crest_of`, for a kink leads that parabola astray.
+    than :func:`crest_of`, for where friction turns round that parabola is led astray.
 
     Args:
         times: Of the steps, s, shape (n,).
         forces: At the steps, N, shape (n,).
+        kinks: Whether the velocity jumps there; then the step's own force is taken.
     """
     at, sign, sizes = _largest(forces)
-    if at in (0, len(times) - 1):
+    if at in (0, len(times) - 1) or kinks[at]:
         return float(forces[at])
     around = slice(at - 1, at + 2)
     a, b, c = _parabola(times[around], sizes[around], times[at]).coef
-    top = float(c - b * b / (4 * a)) if a < 0 else float(sizes[at])
-    crest = crest_of(times, forces)
-    beyond = THREE <= at < len(times) - THREE  # two parabolas meet beside the step
-    return sign * min(top, abs(crest)) if beyond else sign * top
+    top = float(c - b * b / (4 * a)) if a else float(sizes[at])
+    if THREE <= at < len(times) - THREE:  # there are parabolas before and after
+        top = min(top, abs(crest_of(times, forces)))
+    return sign * top
 
 
 def _largest(forces: Array) -> tuple[int, float, Array]:

@@ -112,7 +112,9 @@ def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
         failure = str(error)
     stepping = time.perf_counter() - start - paused
     if len(steps) > 1:
-        values[PEAK_FORCE] = peak_of(np.array([s.time for s in steps]), np.array(forces))
+        times = np.array([s.time for s in steps])
+        kinks = [s.milestone is not None and s.milestone.jump for s in steps]
+        values[PEAK_FORCE] = peak_of(times, np.array(forces), kinks)
     if steps and steps[-1].dissipated:
         cycles = max(len(rig.program.cycles), 1)
         values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
