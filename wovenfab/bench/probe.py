@@ -7,7 +7,6 @@ not counted; nothing is written.
 from __future__ import annotations
 
 import json
-import resource
 import subprocess
 import sys
 import time
@@ -56,9 +55,10 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from wovenfab.case import read_case
     from wovenfab.simulation.assemble import sheet_of
     from wovenfab.simulation.rig import rig_of
+    from wovenfab.simulation.size import peak_memory
 
     comm = MPI.COMM_WORLD
-    before = _peak()
+    before = peak_memory()
     case = read_case(Path(case_file), overrides)
     with rig_of(case, sheet_of(case, comm)) as rig:
         comm.barrier()
@@ -70,16 +70,12 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
             steps=len(steps) - 1,
             iterations=sum(step.iterations for step in steps),
             seconds=comm.allreduce(seconds, op=MPI.MAX),
-            memory=comm.allreduce(_peak() - before),
+            memory=comm.allreduce(peak_memory() - before),
             force=max(rig.force(step.reactions)[0] for step in steps),
             dissipated=sum(steps[-1].dissipated.values()),
         )
     if comm.rank == 0:
         print(json.dumps(asdict(found)), flush=True)
-
-
-def _peak() -> float:
-    return 1024.0 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 if __name__ == "__main__":

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import subprocess
 import sys
 import tempfile
@@ -16,6 +15,7 @@ from wovenfab.hard.families import row_named
 from wovenfab.hard.row import Row
 from wovenfab.hard.store import Kept, figures_from
 from wovenfab.record.provenance import this_process
+from wovenfab.simulation.size import peak_memory
 
 #: Longest time of a row (s), whole and quick.
 LIMIT, QUICK_LIMIT = 1200.0, 300.0
@@ -57,14 +57,8 @@ def main(name: str, out: str, quick: bool) -> None:
     from mpi4py import MPI
 
     if MPI.COMM_WORLD.rank == 0:
-        text = json.dumps({"figures": asdict(figures), "memory": _largest_memory()}, default=dict)
+        text = json.dumps({"figures": asdict(figures), "memory": peak_memory() / 1e9}, default=dict)
         Path(out).write_text(text, encoding="utf-8")
-
-
-def _largest_memory() -> float:
-    """Return the largest resident memory so far, GB."""
-    found = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())
-    return int(found.group(1)) / 1e6 if found else 0.0
 
 
 if __name__ == "__main__":

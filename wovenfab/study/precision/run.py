@@ -7,7 +7,6 @@ those of this run alone.
 from __future__ import annotations
 
 import json
-import resource
 import sys
 import time
 from collections.abc import Mapping
@@ -28,6 +27,7 @@ from wovenfab.model.model import Model
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.crest import peak_of
 from wovenfab.simulation.rig import Rig, rig_of
+from wovenfab.simulation.size import peak_memory
 from wovenfab.stepping.failure import StepFailedError
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step
@@ -127,7 +127,7 @@ def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
         iterations=sum(s.iterations for s in steps),
         setup=setup,
         stepping=stepping,
-        memory=_peak_memory(),
+        memory=peak_memory(),
         failure=failure,
     )
 
@@ -158,18 +158,6 @@ class RmsBeta:
 
 def _kernels() -> set[str]:
     return {path.name for path in cache_folder().glob("*.so")}
-
-
-def _peak_memory() -> int:
-    """Return the largest memory of this process, bytes.
-
-    Linux counts the parent's in ``ru_maxrss`` if that was larger when it started us.
-    """
-    try:
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
-    except (OSError, StopIteration):
-        return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def read_measured(text: str) -> Measured:
