@@ -1,0 +1,66 @@
+"""Bias-extension samples whose forces the tests of accuracy know."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from mpi4py import MPI
+
+from tests import scenes
+from tests.outlines import HOLDS
+from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.outline import rectangle_outline
+from wovenfab.sheet.sheet import Sheet, directions
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A rectangle 0.3 m wide, clamped at its short ends.
+
+    Attributes:
+        length: In widths.
+        angles: Of the fibres, degrees.
+        yarns: Stiffness of the yarns against stretch, N/m, and bending, N m; None for Table 1.
+    """
+
+    length: int = 3
+    angles: tuple[float, float] = (45, -45)
+    yarns: tuple[float, float] | None = None
+
+    @property
+    def values(self) -> Mapping[str, Mapping[str, float | tuple[float, float]]]:
+        """Parameters by effect."""
+        if self.yarns is None:
+            return scenes.TABLE_1
+        stretch, bending = self.yarns
+        return {
+            **scenes.TABLE_1,
+            "stretch": {"stiffness": (stretch, stretch)},
+            "bending": {"stiffness": (bending, bending)},
+        }
+
+    def sheet(
+        self,
+        mesh_size: float,
+        steep: bool = False,
+        jumps: bool = True,
+        comm: MPI.Comm = MPI.COMM_SELF,
+    ) -> Sheet:
+        """Return it with a mesh along its fibres: graded where one placement is steep, or not."""
+        fibres = directions((np.radians(self.angles[0]), np.radians(self.angles[1])))
+        outline = rectangle_outline(0.3 * self.length, 0.3)
+        return aligned_sheet(
+            comm, outline, fibres, (HOLDS, HOLDS), mesh_size, jumps=jumps, steep=steep
+        )
+
+
+SAMPLES = {
+    "1:3": Sample(),
+    "1:2": Sample(length=2),
+    "1:4": Sample(length=4),
+    "30/-60": Sample(angles=(30, -60)),
+    "soft": Sample(yarns=(8.55e7, 24.05)),
+    "stiff": Sample(yarns=(1.25e8, 560.8)),
+}
