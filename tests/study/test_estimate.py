@@ -72,10 +72,10 @@ def test_the_limit_of_steps_of_second_order_is_found() -> None:
 @pytest.mark.parametrize(
     ("name", "to", "degree", "mesh_size", "limit"),
     [
-        # limits as in tests/verification/test_bonded.py and test_jumps.py
+        # limits as in tests/verification/test_bonded.py and test_sliding.py
         ("bonded-1x3", 40, 3, 0.1, 637.31),
         ("bonded-1x3", 40, 4, 0.1, 637.31),
-        ("elastic-1x3", 20, 3, 0.1, 122.110),
+        ("elastic-1x3", 20, 3, 0.1, 122.1105),
     ],
 )
 def test_the_error_of_an_elastic_force_is_estimated(

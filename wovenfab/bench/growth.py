@@ -36,7 +36,7 @@ def growth() -> list[Figure]:
     memory = Law.fitted(unknowns, [s.memory for s in samples])
     _draw(samples, seconds, memory)
     print(f"picture: {PICTURE}")
-    one, two = (_best(COMPARED, ranks) for ranks in (1, 2))
+    one, two = _compared()
     with ThreadPoolExecutor(2) as pool:
         slower = max(s.seconds for s in pool.map(_run, (COMPARED, COMPARED))) / one.seconds
     print(
@@ -67,11 +67,16 @@ def growth() -> list[Figure]:
     ]
 
 
-def _best(size: float, ranks: int) -> Sample:
-    """Print and return the fastest of some runs."""
-    runs = [_run(size, ranks) for _ in range(RUNS)]
-    print(f"ranks {ranks}: " + ", ".join(f"{s.seconds:.1f}" for s in runs) + " s", flush=True)
-    return min(runs, key=lambda s: s.seconds)
+def _compared() -> tuple[Sample, Sample]:
+    """Print runs on 1 and on 2 ranks in turn, for machines change their speed; return the best."""
+    runs: dict[int, list[Sample]] = {1: [], 2: []}
+    for _ in range(RUNS):
+        for ranks, found in runs.items():
+            found.append(_run(COMPARED, ranks))
+    for ranks, found in runs.items():
+        print(f"ranks {ranks}: " + ", ".join(f"{s.seconds:.1f}" for s in found) + " s", flush=True)
+    one, two = (min(found, key=lambda s: s.seconds) for found in runs.values())
+    return one, two
 
 
 def _run(size: float, ranks: int = 1, settings: tuple[str, ...] = ()) -> Sample:
