@@ -12,6 +12,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import typer
+
 ROOT = Path(__file__).parents[2]
 RESULTS = Path("results") / "accuracy"
 PICTURES = Path("docs") / "pictures"
@@ -103,4 +105,4 @@ def _section(shown: Shown) -> str:
 
 
 if __name__ == "__main__":
-    write_page()
+    typer.run(write_page)  # which ends without a traceback where it is interrupted
