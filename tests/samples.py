@@ -41,18 +41,12 @@ class Sample:
             "bending": {"stiffness": (bending, bending)},
         }
 
-    def sheet(
-        self,
-        mesh_size: float,
-        steep: bool = False,
-        jumps: bool = True,
-        comm: MPI.Comm = MPI.COMM_SELF,
-    ) -> Sheet:
+    def sheet(self, mesh_size: float, steep: bool = False, jumps: bool = True) -> Sheet:
         """Return it with a mesh along its fibres: graded where one placement is steep, or not."""
         fibres = directions((np.radians(self.angles[0]), np.radians(self.angles[1])))
         outline = rectangle_outline(0.3 * self.length, 0.3)
         return aligned_sheet(
-            comm, outline, fibres, (HOLDS, HOLDS), mesh_size, jumps=jumps, steep=steep
+            MPI.COMM_SELF, outline, fibres, (HOLDS, HOLDS), mesh_size, jumps=jumps, steep=steep
         )
 
 

@@ -20,16 +20,21 @@ LIMITS = {
 }
 
 
+def pulled(name: str, degree: int, mesh_size: float, jumps: bool = True) -> tuple[int, float]:
+    """Return unknowns and force (N) of a sample at 20 mm."""
+    sample = SAMPLES[name]
+    on = sample.sheet(mesh_size, jumps=jumps)
+    model = scenes.model(on, scenes.COUPLED, Numerics(degree), sample.values)
+    return model.unknowns, scenes.force(model, scenes.PULL, 0.02)["right"][0]
+
+
 def check(name: str, degree: int, mesh_size: float, error: float) -> int:
     """Compare the force of a sample with its limit; return its unknowns."""
-    sample = SAMPLES[name]
-    model = scenes.model(sample.sheet(mesh_size), scenes.COUPLED, Numerics(degree), sample.values)
-    force = scenes.force(model, scenes.PULL, 0.02)["right"][0]
-    limit = LIMITS[name]
-    off = force / limit - 1
-    print(f"{name}, P{degree}, {model.unknowns} unknowns: {force:.4f} N, error {off:.2e}")
-    assert force == pytest.approx(limit, rel=error)
-    return model.unknowns
+    unknowns, force = pulled(name, degree, mesh_size)
+    off = force / LIMITS[name] - 1
+    print(f"{name}, P{degree}, {unknowns} unknowns: {force:.4f} N, error {off:.2e}")
+    assert force == pytest.approx(LIMITS[name], rel=error)
+    return unknowns
 
 
 @pytest.mark.parametrize("name", LIMITS)
@@ -51,3 +56,10 @@ def test_a_hundredth_of_a_per_cent_takes_40_000_unknowns(name: str) -> None:
 @pytest.mark.parametrize("name", LIMITS)
 def test_limits_are_those_of_finer_meshes(name: str) -> None:
     check(name, 4, 0.02, 5e-6)
+
+
+def test_continuous_placements_are_too_stiff_on_the_same_mesh() -> None:
+    limit = LIMITS["1:3"]
+    tied, free = (pulled("1:3", 3, 0.1, jumps)[1] for jumps in (False, True))
+    print(f"continuous {tied:.3f} N, jumping {free:.3f} N")
+    assert tied / limit - 1 > 10 * abs(free / limit - 1)
