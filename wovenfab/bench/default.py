@@ -11,6 +11,7 @@ FINER = ("discretisation.degree=4", "discretisation.mesh_size=50mm", "time.steps
 def default() -> list[Figure]:
     """Return time and iterations of the three cycles on one rank and on two, and their error."""
     one, two, finer = sample(), sample(ranks=2), sample(FINER)
+    each = sample(("solver.factor=renewed",))
     errors = [
         abs(a / b - 1) for a, b in ((one.force, finer.force), (one.dissipated, finer.dissipated))
     ]
@@ -34,5 +35,14 @@ def default() -> list[Figure]:
             "%",
             f"peak force and losses: {', '.join(f'{100 * e:.2g} %' for e in errors)}, against "
             f"{finer.unknowns} unknowns and {finer.steps} steps",
+        ),
+        Figure(
+            "a tangent and factor for each iteration over kept ones",
+            each.seconds / one.seconds,
+            1.0,
+            "x",
+            f"{each.seconds:.1f} s with {each.iterations} iterations over {one.seconds:.1f} s with "
+            f"{one.iterations}, 1 rank",
+            at_least=True,
         ),
     ]

@@ -57,7 +57,7 @@ def growth() -> list[Figure]:
             at_least=True,
         ),
         Figure(
-            "a factor for each tangent over kept ones",
+            "a tangent and factor for each iteration over kept ones",
             renewed.seconds / one.seconds,
             1.0,
             "x",

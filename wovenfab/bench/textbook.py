@@ -26,6 +26,7 @@ TEXTBOOK = (
     "discretisation.degree=2",
     "solver.predictor=none",
     "solver.tangent=plain",
+    "solver.factor=renewed",
     "solver.stability=ignore",
     "solver.petsc={pc_type: lu}",
 )

@@ -97,7 +97,7 @@ class Solver(Section):
     """Whether a step starts from the motion extrapolated, or from the last state."""
 
     factor: Literal["kept", "renewed"] = "kept"
-    """Whether an earlier tangent's factor serves where that is quicker, or each gets its own."""
+    """Whether earlier tangents and factors serve where that is quicker, or none but the present."""
 
     stability: Literal["stop", "follow", "ignore"] = "stop"
     """Where the sheet buckles: stop, follow the branch of minima, or stay on the saddle."""

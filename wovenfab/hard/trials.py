@@ -71,7 +71,7 @@ class _TrustRegionNewton(Newton):
         if snes.getType() == "newtontr":
             self.system.load(x)
             self.system.model.last.x.array[:] = self.system.model.field.x.array
-        super().evaluate_jacobian(snes, x, matrix, preconditioner)
+        self.form_tangent(x)
 
 
 class TrustRegion(Counted):

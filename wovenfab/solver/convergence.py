@@ -9,6 +9,9 @@ Reason = PETSc.SNES.ConvergedReason
 EPSILON = float(np.finfo(np.float64).eps)
 #: A change of the potential below this share of it is round-off, not an increase.
 ROUND_OFF = 1e-12
+#: How much more of the stiffly held forces than of soft ones, which hardly count in a norm, a step
+#: with an older tangent may take away.
+BEHIND = 10.0
 
 
 class Convergence:
@@ -54,22 +57,33 @@ class Convergence:
         blurred = self._blur * np.sqrt(2 * abs(energy) * self._stiffness)
         return float(max(ROUND_OFF * self.scale_of(energy), blurred))
 
-    def reason(self, residual: float, force: float, decrement: float, energy: float) -> int | None:
+    def reason(
+        self,
+        residual: float,
+        force: float,
+        decrement: float,
+        energy: float,
+        left: float | None = None,
+    ) -> int | None:
         """Return PETSc's reason to end, or None where forces do not balance yet.
 
         Newton's decrement is twice the energy that a step gains; convergence is quadratic, so
-        a step of relative energy ``tolerance`` leaves its square.
+        a step of relative energy ``tolerance`` leaves its square. With an older tangent it is
+        linear: the next step would gain as much less as forces have become smaller, squared.
 
         Args:
             residual: Norm of the forces that do not balance, N.
             force: Norm of the internal force, N.
             decrement: That of the last step if it was a full one, otherwise infinite, J.
             energy: Potential, J.
+            left: Share of the residual that the last step left, if its tangent was an older one.
         """
         largest = max(self._force, force)
         if residual <= max(self._tolerance * largest, self._blur * self._stiffness):
             return int(Reason.CONVERGED_FNORM_RELATIVE)
-        small = decrement <= self._tolerance * self.scale_of(energy)
-        if small and residual <= np.sqrt(self._tolerance) * largest:
+        least = self._tolerance * self.scale_of(energy)
+        if left is not None:
+            decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
+        if decrement <= least and residual <= np.sqrt(self._tolerance) * largest:
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None

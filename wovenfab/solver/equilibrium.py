@@ -7,6 +7,7 @@ quadrature points instead, from then on. A solution is judged by the factor of i
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -49,7 +50,9 @@ class Equilibrium:
         self._options = Options(controls)
         direct = create_direct(model.comm)
         self._system = System(model, constraints, upper=direct.getPC().getType() == "cholesky")
-        self.factor = Factor(direct, self._system.matrix, controls.keep_from)
+        self.factor = Factor(
+            direct, self._system.matrix, controls.keep_from, sqrt(controls.tolerance)
+        )
         self._newton = self.method(self._system, constraints, controls, self.factor, self.barrier)
         # The stress of set-valued friction is always carried, that of others when it must be.
         self._always = self._stresses_of(model) if model.carried else None
@@ -143,14 +146,13 @@ class Equilibrium:
     def _solve(self, most: int) -> Outcome:
         """Solve with the present forms and at most so many iterations."""
         newton = self._newton
-        before = self._model.last.x.array[: newton.solution.getLocalSize()].copy()
         reason = newton.solve(most)
         return Outcome(
             converged=reason > 0,
             reason=reason_of(newton.snes),
             iterations=newton.snes.getIterationNumber(),
             residual=newton.norm,
-            negatives=newton.judge(before) if reason > 0 else 0,
+            negatives=newton.judge() if reason > 0 else 0,
         )
 
     def _carry(self) -> None:

@@ -13,7 +13,7 @@ with a search, and so are all later ones: only then are their numbers to be reli
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 from typing import Any
 
 from mpi4py import MPI
@@ -60,7 +60,9 @@ class Factor:
         counts: Whether the factor tells the number of negative eigenvalues.
     """
 
-    def __init__(self, direct: Any, matrix: Any, keep_from: float = inf) -> None:
+    def __init__(
+        self, direct: Any, matrix: Any, keep_from: float = inf, accuracy: float = ACCURACY
+    ) -> None:
         """Prepare to factorise.
 
         Args:
@@ -68,8 +70,10 @@ class Factor:
             matrix: Symmetric; its values may change from one solution to the next.
             keep_from: Iterations that a factorisation must be worth before an older factor
                 is used; infinite for never.
+            accuracy: Error of a solution in the norm of energy, relative, where an older factor
+                is used.
         """
-        self._matrix, self._keep_from = matrix, keep_from
+        self._matrix, self._keep_from, self._accuracy = matrix, keep_from, accuracy
         self.definite = True
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
@@ -87,6 +91,11 @@ class Factor:
         self._wait, self._waiting = 0, 0
 
     @property
+    def keeps(self) -> bool:
+        """Whether a tangent and its factor may serve more than once."""
+        return self.counts and isfinite(self._keep_from)
+
+    @property
     def is_present(self) -> bool:
         """Whether the factor is of the matrix as it is now."""
         return bool(self._made == self._matrix.stateGet())
@@ -101,20 +110,21 @@ class Factor:
         """How MUMPS ended the last factorisation, negative where it failed; 0 if none tells."""
         return self._told(STATUS) if self._pc.getFactorSolverType() == "mumps" else 0
 
-    def solve(self, b: Any, x: Any, accuracy: float = ACCURACY) -> int:
+    def solve(self, b: Any, x: Any, accuracy: float | None = None) -> int:
         """Solve A x = b.
 
         Args:
             b: Right-hand side.
             x: The solution; overwritten.
-            accuracy: Error in the norm of energy over that of the solution, where it is not
-                solved directly.
+            accuracy: Another one for this solution.
 
         Returns:
             PETSc's reason, negative where it failed.
         """
         if not self.is_present:
-            if self._pays() and self._refine(b, x, accuracy):
+            if self._pays() and self._refine(
+                b, x, self._accuracy if accuracy is None else accuracy
+            ):
                 return int(Reason.CONVERGED_RTOL)
             self._renew()
         if not self._solved:

@@ -95,6 +95,11 @@ class Inertia:
             self._value = self._sweep(FIRST_SWEEPS)
 
     @property
+    def shifted(self) -> bool:
+        """Whether the matrix is shifted from the tangent."""
+        return self._shift != 0.0
+
+    @property
     def saddle(self) -> bool:
         """Whether the last matrix of Newton's solver is indefinite, as far as its factor tells."""
         return not self._own and self._factor.negatives > 0

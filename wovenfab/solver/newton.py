@@ -12,16 +12,16 @@ from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
+from wovenfab.solver.chord import Chord
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.convergence import Convergence
 from wovenfab.solver.factor import Factor
-from wovenfab.solver.inertia import Inertia, start_vector
+from wovenfab.solver.inertia import UNSEEN, Inertia, start_vector
 from wovenfab.solver.search import backtrack
 from wovenfab.solver.snes import create_snes
 from wovenfab.solver.system import System
@@ -62,7 +62,9 @@ class Newton:
         self.system, self.controls, self.factor, self.barrier = system, controls, factor, barrier
         self.solution = system.residual.duplicate()
         self.norm, self.saddle_at_start = 0.0, False
-        self._assembled = np.zeros(self.solution.getLocalSize())  # where the tangent was formed
+        self._before = np.zeros(self.solution.getLocalSize())  # the last solution
+        self._assembled = self._before.copy()  # where the tangent was formed
+        self._chord, self._left = Chord(), np.inf
         self._convergence = Convergence(controls.tolerance, _largest_cell(system.model))
         self._potential: float | None = None
         self._decrement = np.inf
@@ -80,6 +82,8 @@ class Newton:
     def solve(self, most: int) -> int:
         """Solve from the model's present field; return PETSc's reason.
 
+        The model's ``last`` field must hold the last solution.
+
         Args:
             most: Number of iterations.
         """
@@ -87,7 +91,9 @@ class Newton:
         self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
         self._stuck, self.norm, self._most = 0, np.nan, most
+        self._before[:] = system.model.last.x.array[: self._before.size]
         system.begin()
+        self._chord.begin()
         self.inertia.restart()
         # Descents meet tangents that are not, and carried stress changes them too much.
         self.factor.definite = not (self.controls.descend or system.carried)
@@ -99,14 +105,10 @@ class Newton:
         system.load(self.solution)
         return int(self.snes.getConvergedReason())
 
-    def judge(self, before: NDArray[np.float64]) -> int:
-        """Return the number of negative eigenvalues at a solution, by which others are judged.
-
-        Args:
-            before: This rank's own unknowns at the last solution, m.
-        """
+    def judge(self) -> int:
+        """Return the number of negative eigenvalues at a solution, by which others are judged."""
         moved = self.snes.getIterationNumber() > 0
-        negatives = self.inertia.judge(self._unseen(before) if moved else np.inf)
+        negatives = self.inertia.judge(self._unseen() if moved else np.inf)
         self._convergence.accept(self.system.force_norm, self._potential or 0.0)
         return negatives
 
@@ -124,7 +126,7 @@ class Newton:
         model = self.system.model
         model.last.x.array[:] = model.field.x.array
         self.solution.array_w[:] = model.field.x.array[: self.solution.getLocalSize()]
-        self.evaluate_jacobian(self.snes, self.solution, None, None)
+        self.form_tangent(self.solution)
 
     def evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
         """Put the residual in ``b``."""
@@ -132,6 +134,12 @@ class Newton:
         self.system.evaluate_residual(b)
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        """Put the tangent in the matrix, unless that of the last step serves once more."""
+        self._chord.taken = self._serves()
+        if not self._chord.taken:
+            self.form_tangent(x)
+
+    def form_tangent(self, x: Any) -> None:
         """Put the tangent in the matrix."""
         self.system.load(x)
         self._assembled[:] = x.array_r
@@ -171,12 +179,18 @@ class Newton:
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End where forces balance or nothing is gained any more."""
-        residual = self.norm = norms[2]
+        residual = norms[2]
+        self._left = residual / self.norm if iteration and self.norm else np.inf
+        self.norm = residual
         if not np.isfinite([residual, self.system.force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
         if self.system.attained and self._is_lawful():
             reason = self._convergence.reason(
-                residual, self.system.force_norm, self._decrement, self._potential or 0.0
+                residual,
+                self.system.force_norm,
+                self._decrement,
+                self._potential or 0.0,
+                self._left if self._chord.taken else None,
             )
             if reason is not None:
                 return reason
@@ -219,10 +233,18 @@ class Newton:
         self._potential = self.system.energy()
         return self._convergence.scale_of(self._potential)
 
-    def _unseen(self, before: NDArray[np.float64]) -> float:
+    def _serves(self) -> bool:
+        """Return whether the tangent serves for another step; collective."""
+        late = 2 * self.snes.getIterationNumber() > self._most
+        usual = self.factor.keeps and self.factor.definite and not self.inertia.shifted
+        if late or not usual or not self._chord.promises(self._left):
+            return False
+        return not self.factor.negatives and self._unseen() <= UNSEEN
+
+    def _unseen(self) -> float:
         """Return how far from here the tangent was formed, over the way from the last solution."""
         now = self.solution.array_r
-        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (self._assembled, before)]
+        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (self._assembled, self._before)]
         step, whole = np.max(self.system.model.comm.allgather(ways), axis=0)
         return step / whole if whole > 0 else np.inf
 

@@ -1,0 +1,114 @@
+"""Tangents that serve more than one Newton step: where they may, and that nothing else changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+
+import numpy as np
+import pytest
+
+from tests import scenes
+from wovenfab.solver.chord import LEFT, LONGEST_WAIT, Chord
+from wovenfab.solver.controls import Controls
+from wovenfab.solver.convergence import Convergence
+from wovenfab.solver.newton import Newton
+from wovenfab.stepping.program import cycle, program_of, ramp
+from wovenfab.stepping.step import Step
+
+SLIDING = (*scenes.COUPLED, "slip_friction")
+
+
+def chord_after(*shares: float) -> Chord:
+    """Return one that has begun a solve whose steps left these shares of the forces."""
+    chord = Chord()
+    chord.begin()
+    for share in shares:
+        chord.taken = chord.promises(share)
+    return chord
+
+
+def test_a_tangent_serves_again_as_long_as_steps_leave_little() -> None:
+    assert not chord_after(inf).taken
+    assert not chord_after(2 * LEFT).taken
+    assert chord_after(LEFT / 2).taken
+    assert chord_after(LEFT / 2, LEFT / 3, LEFT / 2).taken
+    assert not chord_after(LEFT / 2, 2 * LEFT).taken
+
+
+def test_after_a_step_that_was_not_worth_it_solves_wait_longer_each_time() -> None:
+    chord, waits = Chord(), []
+    for _ in range(8):
+        waited = 0
+        while True:
+            chord.begin()
+            chord.taken = chord.promises(LEFT / 2)
+            if chord.taken:
+                break
+            waited += 1
+        chord.taken = chord.promises(1.0)  # too much was left
+        waits.append(waited)
+    assert waits == [0, 0, 1, 3, 7, 15, LONGEST_WAIT - 1, LONGEST_WAIT - 1]
+
+
+def test_a_solve_that_ends_with_an_older_tangent_ends_the_waiting() -> None:
+    chord = chord_after(LEFT / 2, 1.0)
+    for _ in range(3):
+        chord.begin()
+        chord.taken = chord.promises(LEFT / 2)
+        assert chord.taken
+    chord.begin()
+    assert not chord.taken
+
+
+def test_linear_convergence_is_not_taken_for_quadratic() -> None:
+    judge = Convergence(1e-9, 0.0)
+    judge.accept(1.0, 1.0)
+    nearly = {"residual": 1e-6, "force": 1.0, "decrement": 1e-10, "energy": 1.0}
+    assert judge.reason(**nearly) is not None
+    assert judge.reason(**nearly, left=0.01) is None
+    assert judge.reason(**nearly, left=1e-6) is not None
+
+
+def counted(march: Callable[[], list[Step]]) -> tuple[list[Step], int]:
+    """Return the steps of a march, and how many tangents were formed for them."""
+    formed, form = [0], Newton.form_tangent
+
+    def counting(self: Newton, x: object) -> None:
+        formed[0] += 1
+        form(self, x)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Newton, "form_tangent", counting)
+        return march(), formed[0]
+
+
+def sliding_cycle(controls: Controls) -> list[Step]:
+    """Return the steps of a cycle of slip friction."""
+    model = scenes.model(scenes.sheet(), SLIDING, scenes.PROTOTYPE_TWO_STEPS)
+    return scenes.march(model, program_of(cycle(0.0, 0.04, 0.25, 80)), "bdf2", controls=controls)
+
+
+def test_a_predicted_step_forms_one_tangent_and_ends_where_newtons_method_does() -> None:
+    few, formed = counted(lambda: sliding_cycle(Controls()))
+    own, each = counted(lambda: sliding_cycle(Controls(keep_from=inf)))
+    print(f"\n{len(own) - 1} steps: {formed} tangents, one for each iteration {each}")
+    assert each >= sum(s.iterations for s in own) >= 2 * (len(own) - 1)
+    assert formed < 1.2 * (len(own) - 1)
+    assert np.mean([s.iterations for s in few[1:]]) <= 3.5
+    peak = max(abs(s.reactions["right"][0]) for s in own)
+    for found, expected in zip(few, own, strict=True):
+        assert found.reactions["right"] == pytest.approx(
+            expected.reactions["right"], abs=1e-8 * peak
+        )
+    assert few[-1].dissipated == pytest.approx(own[-1].dissipated, rel=1e-8)
+
+
+def test_a_large_step_from_rest_begins_with_a_tangent_for_each_iteration() -> None:
+    """Its end is far from where its first tangent was formed, which could not judge it."""
+    model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
+    program = program_of([ramp(0.0, 0.1, 1.0, 1)])
+    steps, formed = counted(lambda: scenes.march(model, program, "backward-euler"))
+    print(f"\n{steps[-1].iterations} iterations, {formed} tangents")
+    assert steps[-1].iterations > 4
+    assert formed >= steps[-1].iterations - 2
