@@ -12,9 +12,10 @@ from wovenfab.bench.accuracy_page import ROOT, STUDIES
 from wovenfab.case import Case, read_case
 from wovenfab.stepping.scheme import SCHEMES
 from wovenfab.study.precision.both import Pair, Together
+from wovenfab.study.precision.climb import Rung
 from wovenfab.study.precision.error import Best, Ladder, best_of
 from wovenfab.study.precision.forecast import Forecast, forecast
-from wovenfab.study.precision.result import Study
+from wovenfab.study.precision.result import Run, Study
 from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured
 from wovenfab.study.precision.settings import Setting
 from wovenfab.study.precision.study import TARGETS, study
@@ -103,6 +104,18 @@ def test_time_goes_to_methods_that_get_there() -> None:
     assert runs["backward-euler"] == runs["P2 crossed"] == runs["P3 on fibres, no jumps"] == 3
     assert runs["bdf2"] > 5 and runs["P4 on fibres"] >= 3
     assert set(runner.ran.values()) == {1}, "no setting is paid for twice"
+
+
+def test_a_ladder_rests_where_two_others_are_ahead_of_its_next_run() -> None:
+    run = Run(Setting("space", "P3", 3, "20 mm", (), ()), Measured(), 0.02)
+    ahead, good, late = (Rung(iter(()), [run] * 3, error=e) for e in (1e-4, 3e-4, 2e-3))
+    all_of_them = [ahead, good, late]
+    late.foreseen, good.foreseen = 4e-4, 1e-4
+    assert not late.helps(all_of_them)
+    assert good.helps(all_of_them)
+    late.foreseen = 2e-4
+    assert late.helps(all_of_them)
+    assert late.helps([ahead, late]), "the best answer needs a check"
 
 
 def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:

@@ -32,8 +32,9 @@ class Climb:
     """Climbs several ladders: the shortest run next, each in its share of the time.
 
     After three runs a ladder shows its order, and rests if far more time than is left would
-    be needed to make its error small enough. What is left goes to the ladder that should get
-    there first, for the best answer, and then to the most accurate other, for its check.
+    be needed to make its error small enough, or if two others are more accurate already than it
+    will be after its next run. What is left goes to the ladder that should get there first, for
+    the best answer, and then to the most accurate other, for its check.
     """
 
     def __init__(
@@ -81,10 +82,9 @@ class Climb:
             share: Time of each, s.
             left: Time of all, s.
         """
-        if within := [
-            r for r in climbing if r.spent + r.expected <= share and not r.is_hopeless(left)
-        ]:
-            return min(within, key=lambda r: r.expected)
+        within = [r for r in climbing if r.spent + r.expected <= share and not r.is_hopeless(left)]
+        if helpful := [r for r in within if r.helps(climbing)]:
+            return min(helpful, key=lambda r: r.expected)
         first = min(climbing, key=lambda r: (r.time, r.error))
         check = min((r for r in climbing if r is not first), key=lambda r: r.error, default=first)
         return next((r for r in (first, check) if r.expected <= left), None)
@@ -99,7 +99,7 @@ class Climb:
                 found = forecast(mine, best)
                 if len(rung.runs) > 2 and found.error <= self._enough:
                     rung.expected = inf
-                rung.error = found.error
+                rung.error, rung.foreseen = found.error, found.next
                 rung.time = found.time(self._enough, rung.expected, rung.growth)
 
     def _step(self, rung: Rung, into: list[Run]) -> None:
@@ -148,6 +148,7 @@ class Rung:
         expected: Time of the next run; infinite where there should be none.
         time: Time until the error is small enough.
         error: Relative error of the last run.
+        foreseen: That of the next run.
         spent: Time of its runs.
         failures: How many runs failed.
     """
@@ -157,6 +158,7 @@ class Rung:
     expected: float = 0.0
     time: float = 0.0
     error: float = inf
+    foreseen: float = inf
     spent: float = 0.0
     failures: int = 0
 
@@ -166,6 +168,11 @@ class Rung:
         walls = [r.measured.wall for r in self.runs[-2:]]
         grown = walls[-1] / walls[0] if len(walls) == 2 else _MOST_GROWTH / 2
         return min(max(grown, _LEAST_GROWTH), _MOST_GROWTH)
+
+    def helps(self, climbing: Sequence[Rung]) -> bool:
+        """Whether its next run is to show its order, or may be the best answer or its check."""
+        others = sorted(r.error for r in climbing if r is not self)
+        return len(self.runs) < 3 or len(others) < 2 or self.foreseen < others[1]
 
     def is_hopeless(self, left: float) -> bool:
         """Whether the time that is left (s) is far too short, by the order that shows."""

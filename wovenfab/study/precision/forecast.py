@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import inf, log
+from math import exp, inf, log
 
 from wovenfab.study.precision.error import Best, Ladder, own_error
 
@@ -23,6 +23,11 @@ class Forecast:
 
     error: float = inf
     gain: float = 0.0
+
+    @property
+    def next(self) -> float:
+        """Relative error of the next run, if its gain is the same."""
+        return self.error * exp(-self.gain)
 
     def time(self, enough: float, next_run: float, growth: float) -> float:
         """Return the time (s) until the error is small enough; infinite if it does not fall.

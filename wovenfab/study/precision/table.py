@@ -32,7 +32,7 @@ def write_csv(found: Study, directory: Path) -> Path:
     """Write one row a run in SI units, failed ones too; return the file."""
     names = list(found.best.get("space", {}))
     rows = [_row(found, run) for run in (*found.runs, *found.failed)]
-    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations"]
+    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "cutbacks"]
     header += ["wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
     header += [
         f"{kind}_{name[: name.rindex('_')]}" for kind in ("error", "order") for name in names
@@ -54,6 +54,7 @@ def _row(found: Study, run: Run) -> dict[str, Any]:
         "unknowns": m.unknowns,
         "steps": m.steps,
         "newton_iterations": m.iterations,
+        "cutbacks": m.cutbacks,
         "wall_s": round(m.wall, 3),
         "setup_s": round(m.setup, 3),
         "stepping_s": round(m.stepping, 3),
@@ -152,10 +153,16 @@ def _runs(found: Study, runs: Sequence[Run]) -> str:
             for name, error in said(found, run).items()
         ]
         lines.append(
-            f"| {run.setting.label} | {m.unknowns} | {m.steps} | {m.iterations} | {m.wall:.1f} | "
-            f"{m.memory / 1e6:.0f} | " + " | ".join(errors) + " |"
+            f"| {run.setting.label} | {m.unknowns} | {_steps(run)} | {m.iterations} | "
+            f"{m.wall:.1f} | {m.memory / 1e6:.0f} | " + " | ".join(errors) + " |"
         )
     return "\n".join(lines)
+
+
+def _steps(run: Run) -> str:
+    """Return the number of steps, and of those that were cut back if there are any."""
+    cut = run.measured.cutbacks
+    return f"{run.measured.steps}" + (f" ({cut} cut back)" if cut else "")
 
 
 def percent(share: float) -> str:
