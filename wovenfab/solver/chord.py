@@ -7,6 +7,11 @@ that the second needs none of its own, nor a factor.
 
 from __future__ import annotations
 
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
 #: A step must have left no more than this share of the forces that did not balance.
 LEFT = 0.03
 #: Most solves in a row in which no tangent serves twice after that has not been enough.
@@ -44,3 +49,17 @@ class Chord:
             self._wait = min(max(1, 2 * self._wait), LONGEST_WAIT)
             self._waiting = self._wait
         return False
+
+
+def distance_over(comm: MPI.Comm, now: Array, other: Array, start: Array) -> float:
+    """Return the largest difference of two states over that of the first from a third; collective.
+
+    Args:
+        comm: Its ranks.
+        now: Own unknowns of the first, m.
+        other: Those of the second, m.
+        start: Those of the third, m.
+    """
+    ways = [float(np.abs(now - x).max(initial=0.0)) for x in (other, start)]
+    step, whole = np.max(comm.allgather(ways), axis=0)
+    return float(step / whole) if whole > 0 else np.inf

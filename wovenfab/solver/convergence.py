@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from mpi4py import MPI
 from petsc4py import PETSc
 
 Reason = PETSc.SNES.ConvergedReason
@@ -87,3 +90,9 @@ class Convergence:
         if decrement <= least and residual <= np.sqrt(self._tolerance) * largest:
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None
+
+
+def largest_cell(mesh: Any) -> float:
+    """Return the size of the largest cell of a mesh, m; collective."""
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return float(mesh.comm.allreduce(mesh.h(2, cells).max(initial=0.0), op=MPI.MAX))

@@ -11,15 +11,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.model.constraints import Constraints
-from wovenfab.model.model import Model
 from wovenfab.solver.admissible import SHARE, Barrier
-from wovenfab.solver.chord import Chord
+from wovenfab.solver.chord import Chord, distance_over
 from wovenfab.solver.controls import Controls
-from wovenfab.solver.convergence import Convergence
+from wovenfab.solver.convergence import Convergence, largest_cell
 from wovenfab.solver.factor import Factor
 from wovenfab.solver.inertia import UNSEEN, Inertia, start_vector
 from wovenfab.solver.search import backtrack
@@ -29,6 +27,8 @@ from wovenfab.solver.system import System
 Reason = PETSc.SNES.ConvergedReason
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
 STUCK = 2
+#: A shorter step finds nothing either: the next one would be as short, at the barrier shorter.
+SHORTEST = 1e-4
 
 
 class Newton:
@@ -65,7 +65,7 @@ class Newton:
         self._before = np.zeros(self.solution.getLocalSize())  # the last solution
         self._assembled = self._before.copy()  # where the tangent was formed
         self._chord, self._left = Chord(), np.inf
-        self._convergence = Convergence(controls.tolerance, _largest_cell(system.model))
+        self._convergence = Convergence(controls.tolerance, largest_cell(system.model.sheet.mesh))
         self._potential: float | None = None
         self._decrement = np.inf
         self._stuck = 0
@@ -218,7 +218,8 @@ class Newton:
             return self.system.energy()
 
         length, self._potential = backtrack(potential, start, slope, length, noise)
-        self._stuck = self._stuck + 1 if self._potential is None else 0
+        lost = self._potential is None or length < SHORTEST
+        self._stuck = self._stuck + 1 if lost else 0
         self._decrement = abs(slope) if length == 1.0 else np.inf
         return length
 
@@ -243,14 +244,5 @@ class Newton:
 
     def _unseen(self) -> float:
         """Return how far from here the tangent was formed, over the way from the last solution."""
-        now = self.solution.array_r
-        ways = [float(np.abs(now - x).max(initial=0.0)) for x in (self._assembled, self._before)]
-        step, whole = np.max(self.system.model.comm.allgather(ways), axis=0)
-        return step / whole if whole > 0 else np.inf
-
-
-def _largest_cell(model: Model) -> float:
-    """Return the size of the largest cell, m; collective."""
-    mesh = model.sheet.mesh
-    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
-    return float(model.comm.allreduce(mesh.h(2, cells).max(initial=0.0), op=MPI.MAX))
+        comm = self.system.model.comm
+        return distance_over(comm, self.solution.array_r, self._assembled, self._before)
