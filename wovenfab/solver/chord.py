@@ -2,7 +2,8 @@
 
 Where a motion is foreseen well, a solve begins near its solution: its first step is short, and
 the second only mends what the first has left. Tangents hardly change over so short a step, so
-that the second needs none of its own, nor a factor.
+that the second needs none of its own, nor a factor. Where a solve begins far away, forces tell
+little of how tangents change: they fall by orders while yarns still turn.
 """
 
 from __future__ import annotations

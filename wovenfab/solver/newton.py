@@ -11,6 +11,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.constraints import Constraints
@@ -62,9 +63,9 @@ class Newton:
         self.system, self.controls, self.factor, self.barrier = system, controls, factor, barrier
         self.solution = system.residual.duplicate()
         self.norm, self.saddle_at_start = 0.0, False
-        self._before = np.zeros(self.solution.getLocalSize())  # the last solution
-        self._assembled = self._before.copy()  # where the tangent was formed
-        self._chord, self._left = Chord(), np.inf
+        # The last solution, where the solve began, and where the tangent was formed.
+        self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
+        self._chord, self._left = Chord(), np.inf  # share of the forces left by a step
         self._convergence = Convergence(controls.tolerance, largest_cell(system.model.sheet.mesh))
         self._potential: float | None = None
         self._decrement = np.inf
@@ -91,6 +92,7 @@ class Newton:
         self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
         self._stuck, self.norm, self._most = 0, np.nan, most
+        self._began[:] = self.solution.array_r
         self._before[:] = system.model.last.x.array[: self._before.size]
         system.begin()
         self._chord.begin()
@@ -108,7 +110,7 @@ class Newton:
     def judge(self) -> int:
         """Return the number of negative eigenvalues at a solution, by which others are judged."""
         moved = self.snes.getIterationNumber() > 0
-        negatives = self.inertia.judge(self._unseen() if moved else np.inf)
+        negatives = self.inertia.judge(self._way_from(self._assembled) if moved else np.inf)
         self._convergence.accept(self.system.force_norm, self._potential or 0.0)
         return negatives
 
@@ -240,9 +242,9 @@ class Newton:
         usual = self.factor.keeps and self.factor.definite and not self.inertia.shifted
         if late or not usual or not self._chord.promises(self._left):
             return False
-        return not self.factor.negatives and self._unseen() <= UNSEEN
+        return not self.factor.negatives and self._way_from(self._began) <= UNSEEN
 
-    def _unseen(self) -> float:
-        """Return how far from here the tangent was formed, over the way from the last solution."""
-        comm = self.system.model.comm
-        return distance_over(comm, self.solution.array_r, self._assembled, self._before)
+    def _way_from(self, place: NDArray[np.float64]) -> float:
+        """Return how far a place is from here, over the way from the last solution; collective."""
+        now = self.solution.array_r
+        return distance_over(self.system.model.comm, now, place, self._before)
