@@ -123,4 +123,4 @@ def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
 def test_every_outcome_has_a_name() -> None:
     model = bonded(scenes.PROTOTYPE, 0.15)
     outcome, _ = one_step(model, LARGE, Controls(max_iterations=1))
-    assert outcome == Outcome(False, "DIVERGED_MAX_IT", 1, outcome.residual)
+    assert outcome == Outcome(False, "DIVERGED_MAX_IT", 1, outcome.residual, tangents=1)

@@ -11,6 +11,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests import scenes
+from wovenfab.solver.chord import Chord
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.factor import Factor, create_direct
 from wovenfab.stepping.program import cycle, program_of, ramp
@@ -179,6 +180,19 @@ def test_a_march_with_kept_factors_is_the_same_and_saves_most_factorisations() -
         assert found.negatives == expected.negatives == 0
     loss = "slip_friction"
     assert kept[-1].dissipated[loss] == pytest.approx(own[-1].dissipated[loss], rel=1e-8)
+
+
+def test_inexact_solutions_with_kept_factors_cost_hardly_an_iteration(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Chord, "promises", lambda *_: False)  # each iteration has its tangent
+    kept, own, saved = marched(10.0)
+    more = np.array([k.iterations - s.iterations for k, s in zip(kept, own, strict=True)])
+    print(f"\n{more.sum()} iterations more than {sum(s.iterations for s in own)}")
+    assert saved > 0.6 * sum(s.iterations for s in own)
+    assert [s.tangents for s in kept] == [s.iterations for s in kept]
+    assert set(more) <= {0, 1}
+    assert more.sum() < 0.05 * sum(s.iterations for s in own)
 
 
 def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:

@@ -112,7 +112,7 @@ class Halving(Pace):
         self._targets = self._targets or [end]
         return self._targets[-1]
 
-    def made(self, length: float, iterations: int) -> None:
+    def made(self, length: float, tangents: int) -> None:
         """Go on to the next time."""
         self._targets.pop()
 

@@ -34,6 +34,7 @@ class Trace:
         forces: On the driven edge along its motion, N.
         dissipated: Energy lost since the start, J.
         iterations: Newton iterations, all together.
+        tangents: Number of them that formed one.
         seconds: Wall time of the steps on this rank.
         cutbacks: Rejected attempts: where there are some, there were more steps than planned.
         model: The model, whose field is that of the largest force.
@@ -45,6 +46,7 @@ class Trace:
     forces: Array
     dissipated: Array
     iterations: int
+    tangents: int
     seconds: float
     cutbacks: int
     model: Model
@@ -74,7 +76,7 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = F
         case: The case.
         sheet: Its sheet.
         near: The answer with elements of lower degree on the same mesh, with its states: steps
-            to the same times begin there, which takes fewer iterations.
+            to the same times begin there, which takes fewer tangents.
         keep: Keep the states.
 
     Raises:
@@ -84,7 +86,7 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = F
     every = case.time.tolerance is not None
     rows: list[tuple[float, float, float, float]] = []
     states: dict[float, Array] = {}
-    iterations, cutbacks = 0, 0
+    iterations, tangents, cutbacks = 0, 0, 0
     with rig_of(case, sheet) as rig:
         field = rig.model.field.x.array
         largest, highest = field.copy(), 0.0
@@ -94,6 +96,7 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = F
         begun = perf_counter()
         for step in rig.march.steps():
             iterations += step.iterations
+            tangents += step.tangents
             cutbacks += step.cutbacks
             if step.milestone is None and not every:
                 continue
@@ -108,7 +111,7 @@ def trace_of(case: Case, sheet: Sheet, near: Trace | None = None, keep: bool = F
         seconds = perf_counter() - begun
         field[:] = largest
     times, displacements, forces, dissipated = np.array(rows).T
-    effort = iterations, seconds, cutbacks
+    effort = iterations, tangents, seconds, cutbacks
     return Trace(times, displacements, forces, dissipated, *effort, rig.model, states)
 
 

@@ -44,6 +44,7 @@ class Outcome:
         residual: Norm of the residual force, N.
         negatives: Number of negative eigenvalues of the tangent at the solution; it is a
             minimum of the incremental potential if there is none.
+        tangents: Number of iterations that formed one, which takes most of the time.
     """
 
     converged: bool
@@ -51,3 +52,4 @@ class Outcome:
     iterations: int
     residual: float
     negatives: int = 0
+    tangents: int = 0

@@ -153,6 +153,7 @@ class Equilibrium:
             iterations=newton.snes.getIterationNumber(),
             residual=newton.norm,
             negatives=newton.judge() if reason > 0 else 0,
+            tangents=newton.tangents,
         )
 
     def _carry(self) -> None:

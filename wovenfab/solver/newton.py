@@ -39,6 +39,7 @@ class Newton:
         snes: PETSc's solver.
         solution: Its unknowns, m.
         inertia: Judges the tangent.
+        tangents: Number of iterations of the last solve that formed one.
         norm: Norm of the forces that do not balance at the last iterate, N.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
     """
@@ -62,7 +63,7 @@ class Newton:
         """
         self.system, self.controls, self.factor, self.barrier = system, controls, factor, barrier
         self.solution = system.residual.duplicate()
-        self.norm, self.saddle_at_start = 0.0, False
+        self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
         # The last solution, where the solve began, and where the tangent was formed.
         self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
         self._chord, self._left = Chord(), np.inf  # share of the forces left by a step
@@ -91,7 +92,7 @@ class Newton:
         system = self.system
         self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
         self._potential, self._decrement = None, np.inf
-        self._stuck, self.norm, self._most = 0, np.nan, most
+        self._stuck, self.norm, self.tangents, self._most = 0, np.nan, 0, most
         self._began[:] = self.solution.array_r
         self._before[:] = system.model.last.x.array[: self._before.size]
         system.begin()
@@ -139,6 +140,7 @@ class Newton:
         """Put the tangent in the matrix, unless that of the last step serves once more."""
         self._chord.taken = self._serves()
         if not self._chord.taken:
+            self.tangents += 1
             self.form_tangent(x)
 
     def form_tangent(self, x: Any) -> None:
@@ -176,8 +178,7 @@ class Newton:
             self._potential, self._decrement = None, np.inf
         if length < 1.0:
             y.scale(length)
-            return True
-        return False
+        return length < 1.0
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End where forces balance or nothing is gained any more."""
@@ -205,8 +206,8 @@ class Newton:
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self.inertia.destroy()
-        for item in (self.snes, self.solution):
-            item.destroy()
+        self.snes.destroy()
+        self.solution.destroy()
 
     def _backtrack(self, y: Any, length: float) -> float:
         """Return a step length with sufficient decrease of the incremental potential."""
@@ -227,9 +228,8 @@ class Newton:
 
     def _is_lawful(self) -> bool:
         """Return whether the carried stresses meet their laws."""
-        if self.system.carried is None:
-            return True
-        return self.system.carried.settled(self.controls.tolerance, self._scale_of_energy)
+        carried, tolerance = self.system.carried, self.controls.tolerance
+        return carried is None or carried.settled(tolerance, self._scale_of_energy)
 
     def _scale_of_energy(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""

@@ -128,7 +128,7 @@ class March:
                 self._account.add(self._motion, until, jump, error)
                 self._motion.accept(until, jump)
                 if self._embedded is None:
-                    self._pace.made(length, outcome.iterations)
+                    self._pace.made(length, outcome.tangents)
                 loss = self._stability.passed()
                 if loss is not None:
                     self._pace.found(length)
@@ -202,6 +202,7 @@ class March:
             cutbacks=self._cutbacks,
             milestone=milestone,
             negatives=outcome.negatives if outcome else 0,
+            tangents=outcome.tangents if outcome else 0,
             loss=loss,
             error=self._account.error,
             dissipated_error=self._account.dissipated_error,

@@ -6,7 +6,7 @@ from math import ceil, inf
 
 #: Share of its length that is left of a step that failed, and growth after easy ones.
 CUT, GROWTH = 0.5, 2.0
-#: Newton iterations up to which a step was easy, and harder ones in a row that do as well.
+#: Tangents up to which a step was easy, and harder ones in a row that do as well.
 EASY, ENOUGH = 3, 5
 #: Round-off of a number of steps.
 SLACK = 1e-9
@@ -39,10 +39,10 @@ class Pace:
         number = max(1, ceil(left / self._length - SLACK))
         return end if number == 1 else now + left / number
 
-    def made(self, length: float, iterations: int) -> None:
-        """Note a step of ``length`` (s) that took so many iterations."""
+    def made(self, length: float, tangents: int) -> None:
+        """Note a step of ``length`` (s) that took so many tangents."""
         self._row += 1
-        if self._sought == -inf and (iterations <= EASY or self._row >= ENOUGH):
+        if self._sought == -inf and (tangents <= EASY or self._row >= ENOUGH):
             self._length = max(self._length, GROWTH * length)
             self._row = 0
 

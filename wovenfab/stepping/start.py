@@ -42,8 +42,8 @@ def settle(
         refuses: Whether an equilibrium must not be taken, since it is no minimum.
 
     Returns:
-        How it was found, with all iterations, or None where nothing acts; and the number
-        of rejected attempts.
+        How it was found, with all iterations and tangents, or None where nothing acts; and the
+        number of rejected attempts.
 
     Raises:
         StartFailedError: If there is no such state; the model is as it was at the last
@@ -54,7 +54,7 @@ def settle(
     if not loaded and not constraints.unmet(model.field):
         return None, 0
     field = model.field.x.array
-    share, step, iterations, rejected = 0.0, 1.0, 0, 0
+    share, step, iterations, tangents, rejected = 0.0, 1.0, 0, 0, 0
     model.friction.value = 0.0
     try:
         while share < 1:
@@ -65,6 +65,7 @@ def settle(
             if outcome.converged and not refuses(outcome):
                 share += step
                 iterations += outcome.iterations
+                tangents += outcome.tangents
                 continue
             field[:] = reached
             rejected += 1
@@ -73,4 +74,4 @@ def settle(
             step /= 2
     finally:
         model.friction.value = 1.0
-    return replace(outcome, iterations=iterations), rejected
+    return replace(outcome, iterations=iterations, tangents=tangents), rejected

@@ -24,6 +24,7 @@ class Step:
         cutbacks: Rejected attempts before it since the last accepted step.
         milestone: The planned time that it reaches, or None on the way to it.
         negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
+        tangents: Number of its iterations that formed a tangent.
         loss: The loss of stability since the last step, beyond which it lies, or None.
         error: Its estimated error in time, where that is measured.
         dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
@@ -40,6 +41,7 @@ class Step:
     cutbacks: int
     milestone: Milestone | None
     negatives: int = 0
+    tangents: int = 0
     loss: Loss | None = None
     error: StepError | None = None
     dissipated_error: float = 0.0

@@ -25,7 +25,7 @@ PLANNED, FIRST = 0.075, 0.02
 FAR, FARTHEST = 2.0, 8.0
 #: Growth of the number of steps up to which no other kind is tried.
 EASY = 4.0
-#: Growth of iterations with twice the steps, at least.
+#: Growth of tangents with twice the steps, at least.
 DEARER = 1.4
 #: Round-off of an error that is just what is wanted.
 ALMOST = 1 + 1e-9
@@ -40,7 +40,7 @@ class Paced:
     Attributes:
         case: The case with them.
         errors: Their signed errors over the figures.
-        effort: Newton iterations in the pilot's trial.
+        effort: Tangents in the pilot's trial.
     """
 
     case: Case
@@ -97,9 +97,9 @@ def _measured(case: Case) -> bool:
 def _enough(
     kind: Kind, trial: Case, sheet: Sheet, wanted: float, least: float, tell: Tell
 ) -> tuple[float, dict[str, float], float] | None:
-    """Return how many times the first steps are enough, their errors and iterations.
+    """Return how many times the first steps are enough, their errors and tangents.
 
-    None where none can be made, or where they would take more iterations than ``least``.
+    None where none can be made, or where they would take more tangents than ``least``.
     """
     fewer: Trace | None = None
     best, number = None, 1.0
@@ -110,18 +110,18 @@ def _enough(
         except (StepFailedError, StabilityLostError):
             fewer, number = None, 2 * number
             continue
-        tell(f"{kind.__name__.replace('_', ' ')}: {more.steps}, {more.iterations} iterations")
+        tell(f"{kind.__name__.replace('_', ' ')}: {more.steps}, {more.tangents} tangents")
         growth = 2.0
         if fewer is not None and more.steps > fewer.steps:  # as many tell nothing
             errors = Pair(fewer, more, order).errors()
             need = min((worst(errors) / wanted) ** (1 / order), MOST / number)
             taken = min(max(need, 0.5), FAR)
             scaled = {name: e / taken**order for name, e in errors.items()}
-            best = taken * number, scaled, taken * more.iterations
+            best = taken * number, scaled, taken * more.tangents
             if need <= FAR:
                 break
             growth = min(need, FARTHEST)
-        if DEARER * more.iterations > least:
+        if DEARER * more.tangents > least:
             break
         fewer, number = more, growth * number
     return best
