@@ -13,11 +13,13 @@ with a search, and so are all later ones: only then are their numbers to be reli
 
 from __future__ import annotations
 
-from math import inf, isfinite, sqrt
+from math import inf, isfinite
 from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
+
+from wovenfab.solver.gradients import Gradients
 
 Reason = PETSc.KSP.ConvergedReason
 #: Of MUMPS: status, number of negative pivots, entries of the factor, operations for it.
@@ -80,11 +82,7 @@ class Factor:
         self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
         self.counts = self.method == ("preonly", "cholesky", "mumps")
         self._positive = self.counts  # whether all were so far
-        self._gradients = PETSc.KSP().create(matrix.comm)
-        self._gradients.setType("cg")
-        self._gradients.setNormType(PETSc.KSP.NormType.NATURAL)
-        self._gradients.setPC(self._pc)
-        self._rest: Any = None
+        self._gradients: Gradients | None = None
         self._made = -1  # state of the matrix when it was factorised
         self._cost = 0.0  # of a factorisation, in iterations
         self._spent, self._solved, self._last = 0.0, 0, 0  # since then
@@ -153,8 +151,9 @@ class Factor:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self._gradients, self._direct, *(self._rest or ())):
-            item.destroy()
+        if self._gradients:
+            self._gradients.destroy()
+        self._direct.destroy()
 
     def _told(self, number: int) -> int:
         return int(self._pc.getFactorMatrix().getMumpsInfog(number))
@@ -191,27 +190,12 @@ class Factor:
         self._direct.setUp()
 
     def _refine(self, b: Any, x: Any, accuracy: float) -> bool:
-        """Solve with an older factor; return whether that has succeeded.
-
-        Conjugate gradients begin with its answer, which is exact where placements are
-        prescribed: those rows are the identity's in each tangent.
-        """
-        if self._rest is None:
-            self._rest = b.duplicate(), b.duplicate()
-        rest, change = self._rest
+        """Solve with an older factor; return whether that has succeeded."""
+        if self._gradients is None:
+            self._gradients = Gradients(self._matrix, self._pc)
         self._pc.setReusePreconditioner(True)
-        self._pc.apply(b, x)
-        energy = b.dot(x)
-        self._matrix.mult(x, rest)
-        rest.aypx(-1.0, b)
-        most = max(1, int(self._cost))
-        self._gradients.setOperators(self._matrix)
-        self._gradients.setTolerances(0.0, accuracy * sqrt(max(energy, 0.0)), max_it=most)
-        self._gradients.solve(rest, change)
-        self._count(1 + self._gradients.getIterationNumber())
-        done: bool = self._gradients.getConvergedReason() > 0
-        if done:
-            x.axpy(1.0, change)
+        done, applied = self._gradients.solve(b, x, accuracy, max(1, int(self._cost)))
+        self._count(applied)
         self._wait = 0 if done else min(max(1, 2 * self._wait), LONGEST_WAIT)
         self._waiting = self._wait
         return done
