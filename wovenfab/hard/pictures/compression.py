@@ -38,7 +38,7 @@ def draw_compression(figures: Mapping[str, Figures], picture: Picture) -> None:
         left.legend(fontsize=7)
         middle.axhline(0.0, color=QUIET, linewidth=0.9)
         middle.set_yscale("symlog", linthresh=1e-3)
-        middle.set_ylabel("lowest eigenvalue over that at rest")
+        middle.set_ylabel("lowest eigenvalue (1 at rest)")
 
 
 def _mode(axes: Axes, figures: Figures) -> None:

@@ -48,8 +48,8 @@ def threshold(axes: Axes, value: float, text: str, across: bool = True) -> None:
     else:
         axes.axvline(value, **style)
         axes.annotate(
-            text, (value, 1), xycoords=axes.get_xaxis_transform(), xytext=(-3, -3),
-            textcoords="offset points", ha="right", va="top", fontsize=7, color=QUIET, rotation=90,
+            text, (value, 1), xycoords=axes.get_xaxis_transform(), xytext=(0, 3),
+            textcoords="offset points", ha="center", va="bottom", fontsize=7, color=QUIET,
         )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from wovenfab.hard.pictures.panels import MARKS, panels, threshold
 from wovenfab.hard.row import Figures, Picture
-from wovenfab.report.style import INK, MILLIMETRE, QUIET, sequence
+from wovenfab.report.style import MILLIMETRE, QUIET, sequence
 
 
 def draw_long(figures: Mapping[str, Figures], picture: Picture) -> None:
@@ -25,7 +25,7 @@ def draw_long(figures: Mapping[str, Figures], picture: Picture) -> None:
         first.set_ylabel("change up to the last cycle")
         second.plot(cycle, 100 * np.array(f.series["imbalance"][:-1]), ".", color=dark)
         second.set_ylim(*sorted((0, 130 * f.series["imbalance"][-1])))
-        second.set_ylabel("imbalance of the dissipated energy (%)")
+        second.set_ylabel("imbalance over losses (%)")
         memory = f.series["memory"]
         third.plot(np.arange(1, len(memory) + 1), memory, ".", color=dark)
         third.set_ylim(0, 1.2 * max(memory))
@@ -61,5 +61,7 @@ def draw_failures(figures: Mapping[str, Figures], picture: Picture) -> None:
         right.grid(visible=False)
         right.set_xlabel("x at rest (mm)")
         right.set_ylabel("y (mm)")
-        right.set_title("worst point", color=INK)
-        right.legend(loc="lower left", bbox_to_anchor=(0, 1.12), ncols=2, fontsize=7)
+        right.legend(
+            title="worst point", alignment="left", loc="lower left", bbox_to_anchor=(0, 1.02),
+            ncols=2, fontsize=7,
+        )  # fmt: skip

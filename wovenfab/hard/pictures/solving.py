@@ -49,17 +49,17 @@ def draw_locking(figures: Mapping[str, Figures], picture: Picture) -> None:
             _, ratio, stiffness = name.split("-")
             dashes = "solid" if stiffness == "400" else (0, (2, 1.5))
             x = MILLIMETRE.factor * np.array(f.series["displacement"])
-            label = f"{ratio.replace('x', ':')}, K_s = {stiffness} N/m"
+            label = f"{ratio.replace('x', ':')}, {stiffness} N/m"
             line: dict[str, Any] = {"color": colours[ratio], "linestyle": dashes}
-            left.plot(x[1:], np.array(f.series["force"][1:]) / 1e3, label=label, **line)
-            right.plot(x, f.series["margin"], **line)
+            left.plot(x[1:], np.array(f.series["force"][1:]) / 1e3, **line)
+            right.plot(x, f.series["margin"], label=label, **line)
         for axes in (left, right):
             for ratio, lock in LOCKS.items():
                 threshold(axes, lock, f"{ratio.replace('x', ':')} locks", across=False)
             axes.set_xlabel("displacement (mm)")
         left.set_yscale("log")
         left.set_ylabel("force (kN)")
-        left.legend(fontsize=7, loc="lower right", bbox_to_anchor=(0.95, 0.0))
+        right.legend(title="K_s", fontsize=7, title_fontsize=7, loc="lower left")
         right.set_ylabel("smallest margin")
         right.set_ylim(0, 1.02)
 
