@@ -8,6 +8,7 @@ from math import inf
 
 import numpy as np
 import pytest
+from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.model.model import Numerics
@@ -15,6 +16,7 @@ from wovenfab.solver.chord import LEFT, LONGEST_WAIT, Chord
 from wovenfab.solver.controls import Controls
 from wovenfab.solver.convergence import Convergence
 from wovenfab.solver.newton import Newton
+from wovenfab.solver.system import TANGENT
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.step import Step
 
@@ -106,6 +108,15 @@ def test_a_predicted_step_forms_one_tangent_and_ends_where_newtons_method_does()
             expected.reactions["right"], abs=1e-8 * peak
         )
     assert few[-1].dissipated == pytest.approx(own[-1].dissipated, rel=1e-8)
+
+
+def test_petsc_logs_the_tangents_that_are_formed() -> None:
+    PETSc.Log.begin()
+    event = PETSc.Log.Event(TANGENT)
+    before = event.getPerfInfo()["count"]
+    steps = sliding_cycle(Controls())
+    formed = event.getPerfInfo()["count"] - before
+    assert formed == sum(s.tangents for s in steps) < sum(s.iterations for s in steps)
 
 
 @pytest.mark.parametrize("numerics", [scenes.PROTOTYPE, Numerics(3)], ids=["P2", "P3"])

@@ -19,6 +19,9 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.solver.carried import CarriedStress
 
+#: PETSc's event for the assembly of a tangent, as in its table for ``-log_view``.
+TANGENT = "Tangent"
+
 
 class System:
     """What balances: its vectors and its matrix are made once.
@@ -87,9 +90,10 @@ class System:
 
     def evaluate_tangent(self) -> float:
         """Assemble the tangent of the present field; return its size, N/m."""
-        if self.carried:
-            self.carried.prepare_tangent()
-        size = self.size_of_tangent()
+        with PETSc.Log.Event(TANGENT):
+            if self.carried:
+                self.carried.prepare_tangent()
+            size = self.size_of_tangent()
         return self.carried.diagonal if self.carried else size
 
     def size_of_tangent(self) -> float:
