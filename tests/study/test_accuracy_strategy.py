@@ -53,6 +53,7 @@ class Formula:
             unknowns=unknowns,
             steps=steps,
             iterations=3 * steps,
+            tangents=3 * steps,
             stepping=2e-5 * unknowns * steps,
         )
 

@@ -28,7 +28,7 @@ def draw_costs(rows: Sequence[Row], path: Path) -> Path:
         _bars(axes[0], names, [c.unknowns / 1e3 for _, c in shown], "unknowns (thousand)", dark)
         _bars(axes[1], names, [c.compile for _, c in shown], "compilation (s)", dark)
         parts = (
-            (c.iterations * c.assembly, c.iterations * c.factorisation, c.step) for _, c in shown
+            (c.tangents * c.assembly, c.factorisations * c.factorisation, c.step) for _, c in shown
         )
         _stack(axes[2], names, [tuple(1e3 * t for t in part) for part in parts], (dark, light))
         axes[0].invert_yaxis()

@@ -29,6 +29,8 @@ class Cost:
         compile: Time from UFL to machine code with an empty cache, s.
         assembly: Time to assemble one tangent, s.
         factorisation: Time of one numerical factorisation, s.
+        tangents: Mean number assembled in a step.
+        factorisations: Mean number in a step.
         step: Mean time of a step, s.
         whole: Time of all steps, s.
         iterations: Mean Newton iterations of a step.
@@ -42,6 +44,8 @@ class Cost:
     compile: float
     assembly: float
     factorisation: float
+    tangents: float
+    factorisations: float
     step: float
     whole: float
     iterations: float
@@ -68,7 +72,7 @@ def measure(case: Case, sheet: Sheet) -> Cost:
 def _march(rig: Rig, compiled: float) -> Cost:
     """Go through the program and return what it cost, with the time to compile (s)."""
     PETSc.Log.begin()
-    events = {name: _Event(name) for name in (TANGENT, "MatCholFctrNum")}
+    tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
     forces, iterations, lost = [], [], 0.0
     start = time.perf_counter()
     for step in rig.march.steps():
@@ -77,13 +81,17 @@ def _march(rig: Rig, compiled: float) -> Cost:
         lost = sum(step.dissipated.values())
     whole = time.perf_counter() - start
     steps, model = max(len(forces) - 1, 1), rig.model
+    tangents, assembly = tangent.since()
+    factorisations, factorisation = factor.since()
     return Cost(
         unknowns=model.unknowns,
         placements=model.placements.count,
         facet_integrals=model.facet_integrals,
         compile=compiled,
-        assembly=events[TANGENT].mean(),
-        factorisation=events["MatCholFctrNum"].mean(),
+        assembly=assembly,
+        factorisation=factorisation,
+        tangents=tangents / steps,
+        factorisations=factorisations / steps,
         step=whole / steps,
         whole=whole,
         iterations=sum(iterations) / steps,
@@ -99,11 +107,11 @@ class _Event:
         self._event = PETSc.Log.Event(name)
         self._before = self._event.getPerfInfo()
 
-    def mean(self) -> float:
-        """Return the mean time (s) of the event since the start."""
+    def since(self) -> tuple[int, float]:
+        """Return how often it has happened since the start, and its mean time, s."""
         now = self._event.getPerfInfo()
         count = now["count"] - self._before["count"]
-        return float((now["time"] - self._before["time"]) / count) if count else 0.0
+        return count, float((now["time"] - self._before["time"]) / max(count, 1))
 
 
 @contextmanager

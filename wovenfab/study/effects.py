@@ -134,6 +134,7 @@ COLUMNS: tuple[tuple[str, Callable[[Cost], str]], ...] = (
     ("step (ms)", lambda c: f"{1e3 * c.step:.0f}"),
     ("all steps (s)", lambda c: f"{c.whole:.1f}"),
     ("iterations", lambda c: f"{c.iterations:.1f}"),
+    ("tangents", lambda c: f"{c.tangents:.1f}"),
     ("peak force (N)", lambda c: f"{c.peak_force:.4g}"),
     ("dissipated (J)", lambda c: f"{c.dissipated:.3g}"),
 )

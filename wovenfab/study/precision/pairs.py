@@ -90,9 +90,9 @@ class Pairing:
         )
 
     def _cost(self, parts: _Parts) -> float:
-        """Return the time (s) that a pair will take: its iterations on its mesh."""
+        """Return the time (s) that a pair will take: its tangents on its mesh."""
         mesh, steps = (r.measured for r in parts)
-        return mesh.setup + mesh.stepping * steps.iterations / max(mesh.iterations, 1)
+        return mesh.setup + mesh.stepping * steps.tangents / max(mesh.tangents, 1)
 
 
 def _pair(parts: _Parts, name: str) -> Pair:

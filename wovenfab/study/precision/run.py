@@ -47,6 +47,7 @@ class Measured:
         unknowns: Number of unknowns.
         steps: Accepted steps.
         iterations: Newton iterations, all together.
+        tangents: Number of them that formed one, which takes most of the time.
         cutbacks: How often a step had to be cut back.
         setup: Time for mesh, tables and solver, nothing being compiled, s.
         stepping: Time of all steps, s.
@@ -59,6 +60,7 @@ class Measured:
     unknowns: int = 0
     steps: int = 0
     iterations: int = 0
+    tangents: int = 0
     cutbacks: int = 0
     setup: float = 0.0
     stepping: float = 0.0
@@ -127,6 +129,7 @@ def _march(rig: Rig, slip: RmsBeta, setup: float) -> Measured:
         unknowns=rig.model.unknowns,
         steps=len(steps) - 1,
         iterations=sum(s.iterations for s in steps),
+        tangents=sum(s.tangents for s in steps),
         cutbacks=sum(s.cutbacks for s in steps),
         setup=setup,
         stepping=stepping,

@@ -32,7 +32,8 @@ def write_csv(found: Study, directory: Path) -> Path:
     """Write one row a run in SI units, failed ones too; return the file."""
     names = list(found.best.get("space", {}))
     rows = [_row(found, run) for run in (*found.runs, *found.failed)]
-    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "cutbacks"]
+    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "tangents"]
+    header += ["cutbacks"]
     header += ["wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
     header += [
         f"{kind}_{name[: name.rindex('_')]}" for kind in ("error", "order") for name in names
@@ -54,6 +55,7 @@ def _row(found: Study, run: Run) -> dict[str, Any]:
         "unknowns": m.unknowns,
         "steps": m.steps,
         "newton_iterations": m.iterations,
+        "tangents": m.tangents,
         "cutbacks": m.cutbacks,
         "wall_s": round(m.wall, 3),
         "setup_s": round(m.setup, 3),

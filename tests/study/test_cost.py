@@ -1,0 +1,20 @@
+"""What a scene costs is told by parts that make up no more than the whole."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from tests.study.test_estimate import case_of
+from wovenfab.simulation.assemble import sheet_of
+from wovenfab.study.cost import measure
+
+
+def test_tangents_and_factors_are_parts_of_a_step_though_iterations_share_them() -> None:
+    cycle = "program.amplitudes=40mm", "time.steps_per_cycle=80"
+    case = case_of("bias-1x3", *cycle, "discretisation={degree: 2, mesh_size: 150 mm}")
+    cost = measure(case, sheet_of(case, MPI.COMM_SELF))
+    parts = cost.tangents * cost.assembly, cost.factorisations * cost.factorisation
+    print(f"\n{cost.iterations} iterations, {cost.tangents} tangents, {parts} of {cost.step} s")
+    assert 1 <= cost.tangents < 0.8 * cost.iterations
+    assert 1 <= cost.factorisations <= cost.tangents
+    assert 0 < sum(parts) < cost.step
