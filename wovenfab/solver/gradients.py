@@ -49,11 +49,9 @@ class Gradients:
         self._matrix.mult(x, rest)
         rest.aypx(-1.0, b)
         size, last = rest.dot(rest), inf
-        for applied in range(1, most + 2):
+        for applied in range(1, most + 1):
             if self._ratio * size <= allowed or not size:
                 return True, applied
-            if applied > most:
-                break
             self._preconditioner.apply(rest, image)
             error = rest.dot(image)
             way.aypx(error / last, image) if applied > 1 else image.copy(way)
@@ -65,7 +63,7 @@ class Gradients:
             rest.axpy(-error / bent, push)
             self._ratio, last = error / size, error
             size = rest.dot(rest)
-        return False, applied
+        return self._ratio * size <= allowed, most + 1
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

@@ -33,8 +33,7 @@ def write_csv(found: Study, directory: Path) -> Path:
     names = list(found.best.get("space", {}))
     rows = [_row(found, run) for run in (*found.runs, *found.failed)]
     header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "tangents"]
-    header += ["cutbacks"]
-    header += ["wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
+    header += ["cutbacks", "wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
     header += [
         f"{kind}_{name[: name.rindex('_')]}" for kind in ("error", "order") for name in names
     ]
