@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.model.model import Model
@@ -50,6 +54,21 @@ def test_the_factor_counts_the_negative_eigenvalues(times: float) -> None:
     assert outcome.converged
     assert outcome.negatives == (eigenvalues < 0).sum()
     assert (outcome.negatives > 0) == (times > 1)
+    equilibrium.destroy()
+
+
+@pytest.mark.parametrize(("times", "kind"), [(0.5, "1"), (1.1, "2")])
+def test_pivots_are_searched_for_only_where_one_was_negative(
+    times: float, kind: str, tmp_path: Path
+) -> None:
+    """MUMPS calls matrices 1 if they are known to be positive, 2 if just symmetric."""
+    _, equilibrium, _ = pushed(times * CRITICAL)
+    viewer = PETSc.Viewer().createASCII(str(tmp_path / "solver.txt"), comm=PETSc.COMM_SELF)
+    viewer.pushFormat(PETSc.Viewer.Format.ASCII_INFO_DETAIL)
+    equilibrium.factor.view(viewer)
+    viewer.destroy()
+    seen = (tmp_path / "solver.txt").read_text()
+    assert re.findall(r"SYM \(matrix type\): *(\d)", seen) == [kind]
     equilibrium.destroy()
 
 

@@ -83,6 +83,7 @@ class Factor:
         self.counts = self.method == ("preonly", "cholesky", "mumps")
         self._positive = self.counts  # whether all were so far
         self._gradients: Gradients | None = None
+        self._begun = False  # before that PETSc's factor is not to be asked for: that makes one
         self._made = -1  # state of the matrix when it was factorised
         self._cost = 0.0  # of a factorisation, in iterations
         self._spent, self._solved, self._last = 0.0, 0, 0  # since then
@@ -106,7 +107,8 @@ class Factor:
     @property
     def status(self) -> int:
         """How MUMPS ended the last factorisation, negative where it failed; 0 if none tells."""
-        return self._told(STATUS) if self._pc.getFactorSolverType() == "mumps" else 0
+        tells = self._begun and self._pc.getFactorSolverType() == "mumps"
+        return self._told(STATUS) if tells else 0
 
     def solve(self, b: Any, x: Any, accuracy: float | None = None) -> int:
         """Solve A x = b.
@@ -143,6 +145,7 @@ class Factor:
         """Let the next matrix be factorised."""
         if self._made >= 0 and self.status < 0:  # PETSc's MUMPS takes no other after a failure
             self._pc.reset()
+            self._begun = False
         self._made, self._solved = -1, 0
 
     def view(self, viewer: Any) -> None:
@@ -187,6 +190,7 @@ class Factor:
         if self.counts:
             self._matrix.setOption(PETSc.Mat.Option.SPD, self._positive)
         self._direct.setOperators(self._matrix)
+        self._begun = True
         self._direct.setUp()
 
     def _refine(self, b: Any, x: Any, accuracy: float) -> bool:
