@@ -16,7 +16,8 @@ import ufl
 
 from .effect import Effect, Values
 from .interior_penalty import edge_penalty, facet_penalty
-from .kinematics import Edge, Facet, Pair, Point
+from .kinematics import Pair, Point
+from .line import Line
 from .places import (
     displacements,
     edge_of,
@@ -26,24 +27,8 @@ from .places import (
     point_of,
     point_variation,
 )
-from .variation import first_variation, mixed_variation, second_variation
-
-
-@dataclass(frozen=True)
-class Term:
-    """An effect of the scene with its parameter values.
-
-    Attributes:
-        effect: The effect.
-        values: UFL scalars by parameter name (a pair where it is per family).
-        weight: UFL scalar that multiplies the term in :meth:`Balance.potential` and
-            :meth:`Balance.power` (and nowhere else), so that one compiled form can
-            give each effect's share.
-    """
-
-    effect: Effect
-    values: Values
-    weight: Any
+from .term import Term
+from .variation import first_variation, second_variation, strain_variation
 
 
 @dataclass(frozen=True)
@@ -77,40 +62,6 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Line:
-    """The integral of some effects over facets or edges, for one family.
-
-    Attributes:
-        place: Measures of the present state there.
-        terms: The effects with their energies per length (J/m).
-        vary: Variations of the place's measures by a test or trial field.
-        measure: UFL measure.
-    """
-
-    place: Facet | Edge
-    terms: Sequence[tuple[Term, Callable[[Any, Values], Any]]]
-    vary: Callable[[Any], list[Any]]
-    measure: Any
-
-    def potential(self) -> Any:
-        """Return the energy (J), each term times its weight."""
-        weighted = (term.weight * energy(self.place, term.values) for term, energy in self.terms)
-        return sum(weighted) * self.measure
-
-    def residual(self, test: Any) -> Any:
-        """Return the first variation of the energy (N) for a test field."""
-        return first_variation(self._energy, self.place, self.vary(test)) * self.measure
-
-    def jacobian(self, trial: Any, test: Any) -> Any:
-        """Return the second variation of the energy for a trial and a test field."""
-        s, t = self.vary(trial), self.vary(test)
-        return second_variation(self._energy, self.place, s, t) * self.measure
-
-    def _energy(self, place: Any) -> Any:
-        return sum(energy(place, term.values) for term, energy in self.terms)
-
-
-@dataclass(frozen=True)
 class Balance:
     """Everything that the balance of one scene is made of, as symbols.
 
@@ -130,6 +81,7 @@ class Balance:
             or None.
         loads: Dead loads.
         load_weight: UFL scalar that multiplies the loads in :meth:`potential`.
+        whole: UFL scalar that multiplies all of the tangent but its positive part.
     """
 
     terms: tuple[Term, ...]
@@ -143,6 +95,7 @@ class Balance:
     held_edges: tuple[Any | None, Any | None] = (None, None)
     loads: tuple[Load, ...] = ()
     load_weight: Any = 1
+    whole: Any = 1
 
     @property
     def second_gradient(self) -> bool:
@@ -188,14 +141,15 @@ class Balance:
                 tangent; None for the plain second variation.
         """
         point, s, t = self._point(self.field), self._vary(trial), self._vary(test)
-        mixed = [k for k in self.terms if k.effect.strains is not None and last is not None]
-        plain = [k for k in self.terms if k not in mixed]
+        strained = [k for k in self.terms if k.effect.strains is not None]
+        others = [k for k in self.terms if k.effect.strains is None]
+        before = None if last is None else self._point(last)
         total = ufl.as_ufl(0.0)
-        if plain:
-            total += second_variation(self._density_of(plain), point, s, t)
-        for term in mixed:
+        if others:
+            total += second_variation(self._density_of(others), point, s, t)
+        for term in strained:
             strains = _bound(term.effect.strains, term.values)
-            total += mixed_variation(strains, point, self._point(last), s, t)
+            total += strain_variation(strains, point, s, t, self.whole, before)
         return total * self._dx
 
     @property
@@ -244,19 +198,20 @@ class Balance:
         """
         mesh = ufl.domain.extract_unique_domain(field)
         normal, rule = ufl.FacetNormal(mesh), {"quadrature_degree": self.quadrature}
-        on_facets = [(t, t.effect.facet_energy) for t in self.terms if t.effect.facet_energy]
-        on_edges = [(t, t.effect.edge_energy) for t in self.terms if t.effect.edge_energy]
+        on_facets = [(t, t.effect.facet_strains) for t in self.terms if t.effect.facet_strains]
+        on_edges = [(t, t.effect.edge_strains) for t in self.terms if t.effect.edge_strains]
         found, held = [], self.held_edges[family]
         if on_facets:
             penalty = facet_penalty(mesh, self.degree, self.penalty)
             facet = facet_of(field, self.fibres, family, penalty, normal)
             vary = partial(facet_variation, fibres=self.fibres, family=family)
-            found.append(Line(facet, on_facets, vary, self.facets[family](metadata=rule)))
+            where = self.facets[family](metadata=rule)
+            found.append(Line(facet, on_facets, vary, where, self.whole))
         if on_edges and held is not None:
             penalty = edge_penalty(mesh, self.degree, self.penalty)
             edge = edge_of(field, self.fibres, family, penalty, normal)
             vary = partial(edge_variation, fibres=self.fibres, family=family)
-            found.append(Line(edge, on_edges, vary, held(metadata=rule)))
+            found.append(Line(edge, on_edges, vary, held(metadata=rule), self.whole))
         return found
 
 

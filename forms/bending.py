@@ -11,42 +11,41 @@ from __future__ import annotations
 
 from typing import Any
 
-import ufl
-
-from .effect import Effect, Needs, Parameter, Values
+from .effect import Effect, Needs, Parameter, Strain, Values
 from .kinematics import Edge, Facet, Point, curvature_vector, tangent
 
 
-def energy(point: Point, values: Values) -> Any:
-    """Return the bending energy density (J/m^2)."""
+def strains(point: Point, values: Values) -> tuple[Strain, ...]:
+    """Return the curvature of each family (1/m) with its stiffness (N m)."""
     assert point.g is not None
-    curvatures = [curvature_vector(f, g) for f, g in zip(point.f, point.g, strict=True)]
-    return sum(
-        k_b / 2 * ufl.dot(k, k) for k, k_b in zip(curvatures, values["stiffness"], strict=True)
-    )
+    families = zip(point.f, point.g, values["stiffness"], strict=True)
+    return tuple(Strain(curvature_vector(f, g), k_b, mixed=False) for f, g, k_b in families)
 
 
-def facet_energy(facet: Facet, values: Values) -> Any:
-    """Return the energy per length (J/m) of one family on an interior facet."""
+def facet_strains(facet: Facet, values: Values) -> tuple[Strain, ...]:
+    """Return jump and mean curvature of one family on an interior facet."""
     mean = (
         curvature_vector(facet.f_plus, facet.g_plus)
         + curvature_vector(facet.f_minus, facet.g_minus)
     ) / 2
     jump = tangent(facet.f_plus) - tangent(facet.f_minus)
-    return values["stiffness"][facet.family] * _interior_penalty(facet, mean, jump)
+    return _interior_penalty(facet, mean, jump, values["stiffness"][facet.family])
 
 
-def edge_energy(edge: Edge, values: Values) -> Any:
-    """Return the energy per length (J/m) of one family whose direction an edge holds."""
-    jump = tangent(edge.f) - edge.held
-    curvature = curvature_vector(edge.f, edge.g)
-    return values["stiffness"][edge.family] * _interior_penalty(edge, curvature, jump)
+def edge_strains(edge: Edge, values: Values) -> tuple[Strain, ...]:
+    """Return jump and curvature of one family whose direction an edge holds."""
+    jump, curvature = tangent(edge.f) - edge.held, curvature_vector(edge.f, edge.g)
+    return _interior_penalty(edge, curvature, jump, values["stiffness"][edge.family])
 
 
-def _interior_penalty(place: Facet | Edge, curvature: Any, jump: Any) -> Any:
+def _interior_penalty(
+    place: Facet | Edge, curvature: Any, jump: Any, stiffness: Any
+) -> tuple[Strain, ...]:
     """Return consistency and penalty; moving along n, e changes by -jump."""
-    consistency = -place.along * ufl.dot(curvature, jump)
-    return consistency + place.penalty / 2 * place.along**2 * ufl.dot(jump, jump)
+    return (
+        Strain(curvature, -place.along * stiffness, other=jump, mixed=False),
+        Strain(jump, place.penalty * place.along**2 * stiffness, mixed=False),
+    )
 
 
 EFFECT = Effect(
@@ -56,8 +55,8 @@ EFFECT = Effect(
         Parameter("stiffness", "N*m", "bending stiffness K_b of a family", per_family=True),
     ),
     needs=Needs(second_gradient=True),
-    energy=energy,
-    facet_energy=facet_energy,
-    edge_energy=edge_energy,
+    strains=strains,
+    facet_strains=facet_strains,
+    edge_strains=edge_strains,
     resists=frozenset({"curving"}),
 )

@@ -13,9 +13,10 @@ from typing import Any
 
 import ufl
 
-from .balance import Balance, Term
+from .balance import Balance
 from .kinematics import Point
 from .places import point_of, point_variation
+from .term import Term
 from .variation import first_variation, second_variation
 
 

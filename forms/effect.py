@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import ufl
+
 from .kinematics import Edge, Facet, Point
 
 #: Parameter values by name: a UFL scalar, or one for each family.
@@ -65,15 +67,32 @@ class Needs:
 
 @dataclass(frozen=True)
 class Strain:
-    """One quadratic term ``stiffness/2 * measure**2`` of a stored energy.
+    """One term of a stored energy that is quadratic in strains.
 
-    A stored energy that is given as a sum of these gets the mixed-integration-point
-    tangent (Magisano, Leonetti, Garcea, CMAME 2017), which
-    keeps Newton's method quick where the stiffness is huge.
+    It is ``stiffness/2 * measure**2``, or ``stiffness * measure * other`` of two measures. The
+    tangent of such a term has an elastic part, by the slopes of the measures, and a geometric
+    one, by their curvature and the force. Newton's method can do with those that are positive.
+
+    Attributes:
+        measure: A scalar or a vector.
+        stiffness: A scalar.
+        other: Another measure of the same shape; None for a square.
+        mixed: Whether the force in the geometric part is linearised from the last iterate,
+            which keeps Newton's method quick where the stiffness is huge
+            (Magisano, Leonetti, Garcea, CMAME 2017).
     """
 
     measure: Any
     stiffness: Any
+    other: Any | None = None
+    mixed: bool = True
+
+    @property
+    def energy(self) -> Any:
+        """The energy density of the term."""
+        if self.other is None:
+            return self.stiffness / 2 * ufl.inner(self.measure, self.measure)
+        return self.stiffness * ufl.inner(self.measure, self.other)
 
 
 @dataclass(frozen=True)
@@ -115,8 +134,8 @@ class Effect:
         law: Key by which a case chooses among the effect's laws; empty if it has one.
         laws: Its other laws, each an effect of the same name; a case that names none
             gets this one.
-        facet_energy: Stored energy per length (J/m) of an interior facet.
-        edge_energy: The same on an edge where the yarn directions are held.
+        facet_strains: Terms of the stored energy per length (J/m) of an interior facet.
+        edge_strains: The same on an edge where the yarn directions are held.
         resists: What the effect keeps from moving freely, of ``"stretching"``,
             ``"shearing"``, ``"curving"`` and ``"slipping"``; scenes that leave too much
             free are refused.
@@ -133,8 +152,8 @@ class Effect:
     bound: Bound | None = None
     law: str = ""
     laws: tuple[Effect, ...] = ()
-    facet_energy: Callable[[Facet, Values], Any] | None = None
-    edge_energy: Callable[[Edge, Values], Any] | None = None
+    facet_strains: Callable[[Facet, Values], tuple[Strain, ...]] | None = None
+    edge_strains: Callable[[Edge, Values], tuple[Strain, ...]] | None = None
     resists: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
@@ -179,5 +198,5 @@ class Effect:
         if self.energy is not None:
             return self.energy(point, values)
         if self.strains is not None:
-            return sum(s.stiffness / 2 * s.measure**2 for s in self.strains(point, values))
+            return sum(s.energy for s in self.strains(point, values))
         return 0

@@ -41,48 +41,68 @@ def second_variation(
     )
 
 
-def mixed_variation(
+def strain_variation(
     strains: Callable[[Any], tuple[Strain, ...]],
-    place: Point,
-    last: Point,
+    place: Place,
     trial: Sequence[Any],
     test: Sequence[Any],
+    whole: Any = 1,
+    last: Place | None = None,
 ) -> Any:
-    """Return the mixed-integration-point tangent of a sum of quadratic strain energies.
+    """Return the second variation of a sum of terms that are quadratic in strains.
 
-    The second variation of k/2 s^2 is k ds ds + (k s) dds. In the geometric part
-    the force k s is replaced by its linearisation from the last iterate, so that a
-    large rotation of a stiff yarn is not taken for a large force
+    That of k/2 s^2 is k ds ds + (k s) dds: an elastic part and a geometric one, by the force. The
+    elastic parts of all squares together have no negative eigenvalue: the positive part.
+
+    In a mixed term the force k s of that part is replaced by its linearisation from the last
+    iterate, so that a large rotation of a stiff yarn is not taken for a large force
     (Magisano, Leonetti, Garcea, CMAME 2017). At the solution both are the same.
 
     Args:
-        strains: The quadratic terms as a function of the point.
-        place: Point of the present iterate.
-        last: Point of the last iterate.
-        trial: Variations of the point's measures by the trial field.
+        strains: The terms as a function of the place.
+        place: A point, facet or edge of the present state.
+        trial: Variations of the place's measures by the trial field.
         test: The same by the test field.
+        whole: Factor of all but the positive part.
+        last: The place at the last iterate; None for no linearisation.
     """
-    labelled = label(place)
-    before = label(last)
-    total = 0
-    for now, old in zip(strains(labelled), strains(before), strict=True):
-        slopes = [ufl.diff(now.measure, m) for m in labelled.measures]
-        growth = sum(
-            ufl.inner(ufl.diff(old.measure, m), p - q)
-            for m, p, q in zip(before.measures, place.measures, last.measures, strict=True)
-        )
-        force = now.stiffness * (old.measure + growth)
-        total += now.stiffness * _applied(slopes, trial) * _applied(slopes, test)
-        total += force * sum(
-            ufl.inner(ufl.dot(ufl.diff(slope, m), s), t)
-            for slope, t in zip(slopes, test, strict=True)
+    labelled, before = label(place), None if last is None else label(last)
+
+    def linearised(old: Any) -> Any:
+        assert last is not None and before is not None
+        growths = zip(before.measures, place.measures, last.measures, strict=True)
+        return old + sum(ufl.inner(ufl.diff(old, m), p - q) for m, p, q in growths)
+
+    def first(measure: Any, variation: Sequence[Any]) -> Any:
+        pairs = zip(labelled.measures, variation, strict=True)
+        return sum(ufl.inner(ufl.diff(measure, m), v) for m, v in pairs)
+
+    def second(measure: Any) -> Any:
+        return sum(
+            ufl.inner(ufl.dot(ufl.diff(ufl.diff(measure, n), m), s), t)
+            for n, t in zip(labelled.measures, test, strict=True)
             for m, s in zip(labelled.measures, trial, strict=True)
         )
+
+    total = 0
+    terms = strains(labelled)
+    for now, old in zip(terms, terms if before is None else strains(before), strict=True):
+        force = linearised if now.mixed and before is not None else lambda measure: measure
+        source = old if now.mixed else now
+        for (a, b), (u, v) in zip(_products(now), _products(source), strict=True):
+            if now.other is None:
+                part = first(a, trial) * first(a, test) + whole * force(u) * second(a)
+            else:
+                part = first(a, trial) * first(b, test) + first(b, trial) * first(a, test)
+                part = whole * (part + force(u) * second(b) + force(v) * second(a))
+            total += now.stiffness * part
     return total
 
 
-def _applied(slopes: Sequence[Any], variation: Sequence[Any]) -> Any:
-    return sum(ufl.inner(s, v) for s, v in zip(slopes, variation, strict=True))
+def _products(strain: Strain) -> list[tuple[Any, Any]]:
+    """Return the scalars whose products make up the term."""
+    a, b = strain.measure, strain.measure if strain.other is None else strain.other
+    return [(a[i], b[i]) for i in range(len(a))] if ufl.shape(a) else [(a, b)]
 
 
 def _slopes(energy: Callable[[Any], Any], place: Place) -> tuple[Any, list[Any]]:

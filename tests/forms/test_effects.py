@@ -12,16 +12,18 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from forms.balance import Balance, Line
+from forms.balance import Balance
 from forms.catalogue import effects
 from forms.effect import Effect
 from forms.kinematics import Facet
+from forms.line import Line
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 
 ALL = list(effects().values())
 STORED = [e for e in ALL if not e.dissipative]
-ON_FACETS = [e for e in ALL if e.facet_energy is not None]
+STRAINED = [e for e in ALL if e.strains is not None]
+ON_FACETS = [e for e in ALL if e.facet_strains is not None]
 
 
 def name_of(effect: Effect) -> str:
@@ -123,6 +125,22 @@ def test_mixed_tangent_is_the_plain_one_where_the_last_iterate_is_the_present(
     assert jacobian_times(mixed, direction) == pytest.approx(
         jacobian_times(plain, direction), rel=1e-10, abs=1e-10
     )
+
+
+@pytest.mark.parametrize("effect", STRAINED, ids=name_of)
+def test_the_positive_part_of_a_tangent_is_positive_where_the_whole_one_is_not(
+    effect: Effect,
+) -> None:
+    model, lowest = scene(effect), []
+    for share in (1.0, 0.0):
+        model.whole.value = share
+        matrix = scenes.tangent(model)
+        values = np.linalg.eigvalsh(matrix.convert("dense").getDenseArray())
+        matrix.destroy()
+        lowest.append(values[0] / values[-1])
+    whole, part = lowest
+    assert whole < -0.1
+    assert part > -1e-14
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def found(change: Change, name: str) -> str:
 @pytest.mark.parametrize(
     ("change", "name", "problem"),
     [
-        (plain, "large-p3-10mm-graded", "worst|cutbacks"),
+        (plain, "large-p4-12mm-graded", "worst|cutbacks"),
         (unlimited, "tunnelling", "margin"),
         (unlimited, "locking-end", "finished, but should have stopped"),
         (unsearched, "locking-one-step", "margin"),

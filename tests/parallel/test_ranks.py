@@ -16,8 +16,9 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.balance import Balance, Line
+from forms.balance import Balance
 from forms.kinematics import Facet
+from forms.line import Line
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle

@@ -8,10 +8,11 @@ from typing import Any
 
 import ufl
 
-from forms.balance import Balance, Rate, Term
+from forms.balance import Balance, Rate
 from forms.carried import Carried, size_of
 from forms.effect import Effect
 from forms.places import point_of
+from forms.term import Term
 
 from .problems import in_brief, refusal
 from .scene import Scene

@@ -76,7 +76,8 @@ def _continued(setting: Setting) -> Tally:
     ride = mount(setting, solver=Counted)
     model, program, equilibrium = ride.model, setting.case.program[0], ride.equilibrium
     assert isinstance(equilibrium, Counted)
-    stiff = [k for t in model.balance.terms if t.effect.strains for k in t.values["stiffness"]]
+    stretches = [t for t in model.balance.terms if "stretching" in t.effect.resists]
+    stiff = [k for t in stretches for k in t.values["stiffness"]]
     whole = [float(k.value) for k in stiff]
     force = None
     for step in range(1, program.steps + 1):  # type: ignore[union-attr]

@@ -41,7 +41,7 @@ class _PatientNewton(Newton):
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End as usual, but for searches without success."""
-        self._stuck = 0
+        self._search.failures = 0
         return super().test(snes, iteration, norms)
 
 

@@ -10,9 +10,10 @@ import numpy as np
 import ufl
 from dolfinx import fem
 
-from forms.balance import Balance, Rate, Term
+from forms.balance import Balance, Rate
 from forms.carried import Carried
 from forms.effect import Effect
+from forms.term import Term
 from wovenfab.model.carrying import carried_by, carried_sums
 from wovenfab.model.compiler import compile_sums
 from wovenfab.model.facets import crossed_facets
@@ -51,7 +52,7 @@ def build_model(
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
     on_edges = partial(_measure, mesh, sheet)
-    load_weight, friction = _constant(mesh, 1.0), _constant(mesh, 1.0)
+    load_weight, friction, whole = (_constant(mesh, 1.0) for _ in range(3))
     loading = loading_of(space, loads, lambda edge: on_edges([edge]))
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
@@ -65,6 +66,7 @@ def build_model(
         held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
         loads=loading.loads,
         load_weight=load_weight,
+        whole=whole,
     )
     degree = numerics.friction or max(numerics.degree - 1, 1)
     carried = tuple(carried_by(t, balance, mesh, degree) for t in terms if t.effect.set_valued)
@@ -79,6 +81,7 @@ def build_model(
         history=history,
         rate_weights=rate_weights,
         friction=friction,
+        whole=whole,
         loading=loading,
         balance=balance,
         weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},

@@ -10,8 +10,9 @@ import basix.ufl
 import ufl
 from dolfinx import fem
 
-from forms.balance import Balance, Term
+from forms.balance import Balance
 from forms.carried import Carried, size_of
+from forms.term import Term
 from wovenfab.model.compiler import compile_sums
 
 if TYPE_CHECKING:

@@ -61,6 +61,7 @@ class Model:
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
         friction: Factor of all friction: 1, or 0 where the sheet shall come to rest.
+        whole: 1 for the whole tangent, 0 for its positive part (``forms.variation``).
         loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
@@ -81,6 +82,7 @@ class Model:
     history: tuple[fem.Function, ...]
     rate_weights: tuple[fem.Constant, ...]
     friction: fem.Constant
+    whole: fem.Constant
     loading: Loading
     balance: Balance
     residual: Sum

@@ -34,7 +34,11 @@ GROWTH, TRIALS = 4.0, 60
 
 
 class Inertia:
-    """Judges tangents by their factor."""
+    """Judges tangents by their factor.
+
+    Attributes:
+        altered: Whether the matrix was made another one than the tangent, to go down.
+    """
 
     def __init__(
         self, factor: Factor, matrix: Any, assemble: Callable[[], None], start: Any
@@ -56,7 +60,7 @@ class Inertia:
         self._soft, self._image = start.copy(), start.duplicate()
         self._anything = start.norm() > 0
         self._value: float | None = None  # smallest eigenvalue of the last judgement, N/m
-        self._shift = 0.0  # of the present factor, N/m
+        self.altered, self._shift = False, 0.0  # of the present factor, N/m
 
     def judge(self, unseen: float) -> int:
         """Return the number of negative eigenvalues of the tangent at a solution; collective.
@@ -73,7 +77,7 @@ class Inertia:
         if not self._anything:  # everything is prescribed
             return 0
         before = self._value
-        known = unseen <= UNSEEN and not self._own and not self._shift
+        known = unseen <= UNSEEN and not self._own and not self.altered
         if known and before is not None and not self._factor.negatives:
             self._soft.axpy(MIXED, self._start)
             value = self._sweep(SWEEPS)  # may have had to factorise
@@ -93,11 +97,6 @@ class Inertia:
         fresh = self._factor.is_present and not self._own and not self._factor.negatives
         if self._anything and self._value is None and fresh:
             self._value = self._sweep(FIRST_SWEEPS)
-
-    @property
-    def shifted(self) -> bool:
-        """Whether the matrix is shifted from the tangent."""
-        return self._shift != 0.0
 
     @property
     def saddle(self) -> bool:
@@ -134,18 +133,35 @@ class Inertia:
             force: Residual force.
             step: Newton's step, to be subtracted; it is overwritten.
         """
-        self._shift = 0.0
+        self.altered, self._shift = False, 0.0
         if self._own:
             self._factor.renew()
         if self._factor.negatives:
             self._make_definite()
             self._factor.solve(force, step)
 
+    def replace(self, force: Any, step: Any) -> bool:
+        """Replace Newton's step by that of a matrix which was put in place of the tangent.
+
+        Args:
+            force: Residual force.
+            step: Newton's step, to be subtracted; it is overwritten.
+
+        Returns:
+            Whether the matrix is positive; if not, the step stays.
+        """
+        self.altered, self._shift = True, 0.0
+        self._factor.renew()
+        if self._factor.negatives:
+            return False
+        self._factor.solve(force, step)
+        return True
+
     def restart(self) -> None:
-        """Forget the shift of the last solve, whose factor is not of this one."""
-        if self._shift:
+        """Forget a matrix that is not the tangent, whose factor is of no use."""
+        if self.altered:
             self._factor.forget()
-        self._shift = 0.0
+        self.altered, self._shift = False, 0.0
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -155,7 +171,7 @@ class Inertia:
 
     def _refactor(self) -> None:
         self._assemble()
-        self._shift = 0.0
+        self.altered, self._shift = False, 0.0
         self._factor.renew()
 
     def _make_definite(self) -> None:
@@ -163,7 +179,7 @@ class Inertia:
         shift = 2 * abs(self._sweep(FIRST_SWEEPS))
         for _ in range(TRIALS):
             self._matrix.shift(shift - self._shift)
-            self._shift = shift
+            self.altered, self._shift = True, shift
             self._factor.renew()
             if not self._factor.negatives:
                 return

@@ -3,6 +3,9 @@
 SNES calls back for residual and Jacobian; before it takes a step, the step is cut
 to stay admissible (no crossing of the families) and then, once the prescribed
 placements are attained, backtracked until the incremental potential falls enough.
+Where that shortens a step by an indefinite tangent, the step is made anew by its positive
+part alone: sharply curved yarns turn, and the potential in their Cartesian placements is
+far from the paraboloid that the whole tangent is of.
 """
 
 from __future__ import annotations
@@ -21,15 +24,15 @@ from wovenfab.solver.controls import Controls
 from wovenfab.solver.convergence import Convergence, largest_cell
 from wovenfab.solver.factor import Factor
 from wovenfab.solver.inertia import UNSEEN, Inertia, start_vector
-from wovenfab.solver.search import backtrack
+from wovenfab.solver.search import Search
 from wovenfab.solver.snes import create_snes
 from wovenfab.solver.system import System
 
 Reason = PETSc.SNES.ConvergedReason
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
 STUCK = 2
-#: A shorter step finds nothing either: the next one would be as short, at the barrier shorter.
-SHORTEST = 1e-4
+#: Share of the forces that a step leaves where Newton's method is about to converge.
+CLOSE = 0.1
 
 
 class Newton:
@@ -68,9 +71,7 @@ class Newton:
         self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
         self._chord, self._left = Chord(), np.inf  # share of the forces left by a step
         self._convergence = Convergence(controls.tolerance, largest_cell(system.model.sheet.mesh))
-        self._potential: float | None = None
-        self._decrement = np.inf
-        self._stuck = 0
+        self._search = Search(system, barrier)
         self._most = controls.max_iterations
         self.snes = create_snes(system.model.comm, controls, factor)
         self.snes.setFunction(self.evaluate_residual, system.residual)
@@ -87,15 +88,15 @@ class Newton:
         The model's ``last`` field must hold the last solution.
 
         Args:
-            most: Number of iterations.
+            most: Number of iterations, beyond which only a solve that is about to converge goes on.
         """
         system = self.system
         self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
-        self._potential, self._decrement = None, np.inf
-        self._stuck, self.norm, self.tangents, self._most = 0, np.nan, 0, most
+        self.norm, self.tangents, self._most = np.nan, 0, most
         self._began[:] = self.solution.array_r
         self._before[:] = system.model.last.x.array[: self._before.size]
         system.begin()
+        self._search.begin()
         self._chord.begin()
         self.inertia.restart()
         # Descents meet tangents that are not, and carried stress changes them too much.
@@ -112,7 +113,7 @@ class Newton:
         """Return the number of negative eigenvalues at a solution, by which others are judged."""
         moved = self.snes.getIterationNumber() > 0
         negatives = self.inertia.judge(self._way_from(self._assembled) if moved else np.inf)
-        self._convergence.accept(self.system.force_norm, self._potential or 0.0)
+        self._convergence.accept(self.system.force_norm, self._search.potential or 0.0)
         return negatives
 
     def watch(self, tell: Callable[[], None]) -> None:
@@ -141,6 +142,7 @@ class Newton:
         self._chord.taken = self._serves()
         if not self._chord.taken:
             self.tangents += 1
+            self.inertia.restart()
             self.form_tangent(x)
 
     def form_tangent(self, x: Any) -> None:
@@ -158,24 +160,20 @@ class Newton:
     def limit_step(self, x: Any, y: Any) -> bool:
         """Shorten the step so that x - y is admissible and lowers the potential."""
         self.system.load(x)
-        model, barrier = self.system.model, self.barrier
         if not self.snes.getIterationNumber():
             self.saddle_at_start = self.inertia.saddle
             self.inertia.begin()
         if self.system.attained and self.controls.descend:
             self.inertia.descend(self.snes.getFunction()[0], y)
-        model.last.x.array[:] = model.field.x.array
+        self.system.model.last.x.array[:] = self.system.model.field.x.array
         inside = self.system.carried.correct(self.factor, y) if self.system.carried else 1.0
-        barrier.step.x.array[: y.getLocalSize()] = -y.array_r
-        barrier.step.x.scatter_forward()
-        limit = SHARE * barrier.limit() if self.controls.step_limit else 1.0
-        length = min(inside, limit)
+        length = min(inside, self._limit(y))
         if self.system.carried:
             self.system.carried.go(length)
         elif self.system.attained and self.controls.line_search:
-            length = self._backtrack(y, length)
+            length = self._go_down(x, y, length)
         else:
-            self._potential, self._decrement = None, np.inf
+            self._search.forget()
         if length < 1.0:
             y.scale(length)
         return length < 1.0
@@ -191,15 +189,15 @@ class Newton:
             reason = self._convergence.reason(
                 residual,
                 self.system.force_norm,
-                self._decrement,
-                self._potential or 0.0,
+                self._search.decrement,
+                self._search.potential or 0.0,
                 self._left if self._chord.taken else None,
             )
             if reason is not None:
                 return reason
-        if self._stuck >= STUCK:
+        if self._search.failures >= STUCK:
             return int(Reason.DIVERGED_LINE_SEARCH)
-        if iteration >= self._most:
+        if iteration >= (self.controls.max_iterations if self._is_close() else self._most):
             return int(Reason.DIVERGED_MAX_IT)
         return int(Reason.CONVERGED_ITERATING)
 
@@ -209,22 +207,34 @@ class Newton:
         self.snes.destroy()
         self.solution.destroy()
 
-    def _backtrack(self, y: Any, length: float) -> float:
-        """Return a step length with sufficient decrease of the incremental potential."""
-        field, step, last = self.system.model.field, self.barrier.step, self.system.model.last
-        start = self.system.energy() if self._potential is None else self._potential
-        slope = float(self.snes.getFunction()[0].dot(y))  # decrease per unit length
-        noise = self._convergence.noise(start)
+    def _limit(self, y: Any) -> float:
+        """Return the largest admissible length of a step, and show it to the barrier."""
+        step = self.barrier.step.x
+        step.array[: y.getLocalSize()] = -y.array_r
+        step.scatter_forward()
+        return SHARE * self.barrier.limit() if self.controls.step_limit else 1.0
 
-        def potential(at: float) -> float:
-            field.x.array[:] = last.x.array + at * step.x.array
-            return self.system.energy()
-
-        length, self._potential = backtrack(potential, start, slope, length, noise)
-        lost = self._potential is None or length < SHORTEST
-        self._stuck = self._stuck + 1 if lost else 0
-        self._decrement = abs(slope) if length == 1.0 else np.inf
+    def _go_down(self, x: Any, y: Any, longest: float) -> float:
+        """Return a step length that lowers the potential, of another step if need be."""
+        search, noise, force = self._search, self._convergence.noise, self.snes.getFunction()[0]
+        before = search.potential, search.failures
+        length = search.along(force.dot(y), longest, noise)
+        if length == longest or not self.inertia.saddle:
+            return length
+        whole = self.system.model.whole
+        whole.value = 0.0
+        self.form_tangent(x)
+        whole.value = 1.0
+        if not self.inertia.replace(force, y):
+            return length
+        search.potential, search.failures = before
+        length = search.along(force.dot(y), min(self._limit(y), 1.0), noise)
+        search.decrement = np.inf  # convergence is quadratic with the whole tangent alone
         return length
+
+    def _is_close(self) -> bool:
+        """Return whether the last step was a whole one that took most of the forces away."""
+        return self._left <= CLOSE and bool(np.isfinite(self._search.decrement))
 
     def _is_lawful(self) -> bool:
         """Return whether the carried stresses meet their laws."""
@@ -233,13 +243,12 @@ class Newton:
 
     def _scale_of_energy(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
-        self._potential = self.system.energy()
-        return self._convergence.scale_of(self._potential)
+        return self._convergence.scale_of(self._search.measure())
 
     def _serves(self) -> bool:
         """Return whether the tangent serves for another step; collective."""
         late = 2 * self.snes.getIterationNumber() > self._most
-        usual = self.factor.keeps and self.factor.definite and not self.inertia.shifted
+        usual = self.factor.keeps and self.factor.definite and not self.inertia.altered
         if late or not usual or not self._chord.promises(self._left):
             return False
         return not self.factor.negatives and self._way_from(self._began) <= UNSEEN

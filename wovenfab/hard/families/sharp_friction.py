@@ -9,8 +9,9 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
-from forms.balance import Balance, Term
+from forms.balance import Balance
 from forms.places import point_of
+from forms.term import Term
 from wovenfab.hard.pictures.friction import draw_friction
 from wovenfab.hard.ride import Ride, mount
 from wovenfab.hard.row import Bound, Family, Figures, Row, Setting, together
