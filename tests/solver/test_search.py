@@ -1,19 +1,21 @@
-"""Newton's steps where yarns are bent sharply, and solves that are about to converge."""
+"""Newton's steps where yarns are bent sharply, and steps that may rise a little."""
 
 from __future__ import annotations
 
 from math import inf
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.simulation.assemble import sheet_of
 from wovenfab.simulation.rig import rig_of
-from wovenfab.solver.controls import Controls
 from wovenfab.solver.inertia import Inertia
+from wovenfab.solver.search import LOOSE, Search
 from wovenfab.stepping.step import Step
 
 BONDED = Path(__file__).parents[2] / "configs" / "bonded-1x3.yaml"
@@ -44,18 +46,41 @@ def test_sharply_bent_yarns_turn_in_one_step_by_the_positive_part_of_the_tangent
     assert once[-1].reactions["right"][0] == pytest.approx(cut[-1].reactions["right"][0], rel=1e-6)
 
 
-def test_a_solve_that_is_about_to_converge_may_take_a_few_iterations_more() -> None:
-    own = Controls(keep_from=inf)  # a tangent for each iteration
-    ended = []
-    for most in (1, 2, 3, 25):
-        model = scenes.model(scenes.sheet(mesh_size=0.05), scenes.BONDED, scenes.PROTOTYPE)
-        constraints, equilibrium = scenes.solver(model, controls=own)
-        constraints.set(0.1)
-        outcome = equilibrium._solve(most)
-        ended.append((outcome.converged, outcome.iterations))
-        equilibrium.destroy()
-    print(f"\nconverged after iterations: {ended}")
-    needed = ended[-1][1]
-    assert needed > 3 and ended[-1][0]
-    assert ended[0] == (False, 1)
-    assert ended[2] == (True, needed)
+class Slope:
+    """A potential of one unknown that falls by 1 J per length, and has given values at 1, 2, ..."""
+
+    def __init__(self, *values: float) -> None:
+        """Begin at the first value, with steps of length 1."""
+        self.field = SimpleNamespace(x=SimpleNamespace(array=np.zeros(1)))
+        system: Any = SimpleNamespace(model=SimpleNamespace(field=self.field), energy=self.energy)
+        barrier: Any = SimpleNamespace(step=SimpleNamespace(x=SimpleNamespace(array=np.ones(1))))
+        self.values, self.search = values, Search(system, barrier)
+
+    def energy(self) -> float:
+        """Return the potential, by straight lines between its values."""
+        return float(np.interp(self.field.x.array[0], range(len(self.values)), self.values))
+
+    def go(self, loose: bool = True) -> float:
+        """Search from here, go there, and return how far."""
+        length = self.search.along(1.0, 1.0, lambda energy: 0.0, loose)
+        self.field.x.array += length
+        return length
+
+
+def test_a_whole_step_may_rise_a_little_from_the_lowest_potential_and_is_no_sign_of_the_end() -> (
+    None
+):
+    little = LOOSE / 2
+    hills = Slope(0.0, little, 2 * little, -1.0, -1.0 + little)
+    assert hills.go() == 1.0  # from the lowest so far
+    assert hills.search.potential == little and hills.search.decrement == inf
+    assert hills.go() < 1e-3  # the next one has to go down, and finds no way
+    assert hills.search.failures == 1
+
+
+def test_steps_that_rise_more_or_are_by_indefinite_tangents_are_shortened() -> None:
+    assert Slope(0.0, 1.1 * LOOSE).go() < 1.0
+    assert Slope(0.0, LOOSE / 2).go(loose=False) < 1.0
+    down = Slope(0.0, -1.0, -1.0 + LOOSE / 2)
+    assert down.go() == 1.0 and down.search.decrement == 1.0
+    assert down.go() == 1.0 and down.search.decrement == inf

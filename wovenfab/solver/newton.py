@@ -31,8 +31,6 @@ from wovenfab.solver.system import System
 Reason = PETSc.SNES.ConvergedReason
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
 STUCK = 2
-#: Share of the forces that a step leaves where Newton's method is about to converge.
-CLOSE = 0.1
 
 
 class Newton:
@@ -88,7 +86,7 @@ class Newton:
         The model's ``last`` field must hold the last solution.
 
         Args:
-            most: Number of iterations, beyond which only a solve that is about to converge goes on.
+            most: Number of iterations.
         """
         system = self.system
         self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
@@ -197,7 +195,7 @@ class Newton:
                 return reason
         if self._search.failures >= STUCK:
             return int(Reason.DIVERGED_LINE_SEARCH)
-        if iteration >= (self.controls.max_iterations if self._is_close() else self._most):
+        if iteration >= self._most:
             return int(Reason.DIVERGED_MAX_IT)
         return int(Reason.CONVERGED_ITERATING)
 
@@ -218,7 +216,7 @@ class Newton:
         """Return a step length that lowers the potential, of another step if need be."""
         search, noise, force = self._search, self._convergence.noise, self.snes.getFunction()[0]
         before = search.potential, search.failures
-        length = search.along(force.dot(y), longest, noise)
+        length = search.along(force.dot(y), longest, noise, loose=not self.inertia.saddle)
         if length == longest or not self.inertia.saddle:
             return length
         whole = self.system.model.whole
@@ -231,10 +229,6 @@ class Newton:
         length = search.along(force.dot(y), min(self._limit(y), 1.0), noise)
         search.decrement = np.inf  # convergence is quadratic with the whole tangent alone
         return length
-
-    def _is_close(self) -> bool:
-        """Return whether the last step was a whole one that took most of the forces away."""
-        return self._left <= CLOSE and bool(np.isfinite(self._search.decrement))
 
     def _is_lawful(self) -> bool:
         """Return whether the carried stresses meet their laws."""

@@ -84,9 +84,10 @@ FAMILY = Family(
         "the stiffest coupling asked for, the sheet of Table 1 is *not* within 0.1 % of the bonded "
         "one, and must not be: its yarns slide along themselves over sqrt(K_e/K_c) = 11 mm at the "
         "ends. The row shows that the force grows towards the bonded one of the same mesh and "
-        "stays below it; the next row, that 1e16 N/m³ (0.1 mm) is there. At 1e10 N/m³ long first "
-        "steps end on saddles with four negative eigenvalues, which are refused, so that "
-        "steps are cut. "
+        "stays below it; the next row, that 1e16 N/m³ (0.1 mm) is there. At 1e10 N/m³ a long first "
+        "step passes a saddle with four negative eigenvalues, and goes on by the positive part "
+        "of the tangent. At 1 N/m³ yarns slide along curved valleys of the potential, which whole "
+        "steps may leave a little. "
         "Nearly inextensible yarns (K_e/K_s = 1e9 by way of K_e) need a mesh along the fibres: "
         "on any other, cells that cannot bend without stretching lock."
     ),
@@ -143,7 +144,7 @@ FAMILY = Family(
             name="contrast-coupling",
             title="K_c from 1 to 1e12 N/m³, elastic",
             hard="families from free of each other to tied",
-            remedy="placements that jump; inertia refuses saddles, steps are cut",
+            remedy="placements that jump; positive part of the tangent, steps that may rise",
             setting=TIED.but(SAME_MESH),
             measure=partial(coupled, COUPLINGS),
             bounds=(
