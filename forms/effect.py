@@ -71,7 +71,7 @@ class Strain:
 
     It is ``stiffness/2 * measure**2``, or ``stiffness * measure * other`` of two measures. The
     tangent of such a term has an elastic part, by the slopes of the measures, and a geometric
-    one, by their curvature and the force. Newton's method can do with those that are positive.
+    one, by their curvature and the force. The elastic parts of squares are never negative.
 
     Attributes:
         measure: A scalar or a vector.

@@ -67,9 +67,7 @@ class Slope:
         return length
 
 
-def test_a_whole_step_may_rise_a_little_from_the_lowest_potential_and_is_no_sign_of_the_end() -> (
-    None
-):
+def test_a_whole_step_may_rise_a_little_from_the_lowest_potential_so_far() -> None:
     little = LOOSE / 2
     hills = Slope(0.0, little, 2 * little, -1.0, -1.0 + little)
     assert hills.go() == 1.0  # from the lowest so far

@@ -85,9 +85,9 @@ FAMILY = Family(
         "one, and must not be: its yarns slide along themselves over sqrt(K_e/K_c) = 11 mm at the "
         "ends. The row shows that the force grows towards the bonded one of the same mesh and "
         "stays below it; the next row, that 1e16 N/m³ (0.1 mm) is there. At 1e10 N/m³ a long first "
-        "step passes a saddle with four negative eigenvalues, and goes on by the positive part "
-        "of the tangent. At 1 N/m³ yarns slide along curved valleys of the potential, which whole "
-        "steps may leave a little. "
+        "step passes a saddle, and goes on by the positive part of the tangent. "
+        "At 1 N/m³ yarns slide along curved valleys of the potential, which whole steps may leave "
+        "a little. "
         "Nearly inextensible yarns (K_e/K_s = 1e9 by way of K_e) need a mesh along the fibres: "
         "on any other, cells that cannot bend without stretching lock."
     ),
