@@ -14,7 +14,7 @@ run: ## compute the bias-extension loop on 2 ranks into results/bias-1x3
 	$(enter) mpirun -n $(ranks) wovenfab run $(case) --overwrite
 
 paper: ## run the paper's figures, measure its claims, write docs/paper.md; goes on where it was
-	$(enter) wovenfab paper configs/paper -o results/paper --docs docs
+	$(enter) python3 -m paper configs/paper -o results/paper --docs docs
 
 pictures: ## draw the pictures of README.md and docs/effects.md again, of the code as committed
 	$(enter) mpirun -n 2 wovenfab run configs/bias-1x3.yaml --overwrite
@@ -34,13 +34,13 @@ docs: ## write docs/parameters.md anew from the files in forms/
 	$(enter) wovenfab schema --effects > docs/parameters.md
 
 bench: ## measure speed, as phases and ratios in one run
-	$(enter) python3 -m wovenfab.bench
+	$(enter) python3 -m benchmarks
 
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
-	$(enter) python3 -m wovenfab.hard $(rows) $(quick)
+	$(enter) python3 -m benchmarks.hard $(rows) $(quick)
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
-	$(enter) python3 -m wovenfab.bench.accuracy_page
+	$(enter) python3 -m benchmarks.accuracy_page
 
 paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)
 	tests/paraview/run.sh $(results)

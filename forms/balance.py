@@ -14,11 +14,12 @@ from typing import Any
 
 import ufl
 
-from .effect import Effect, Values
-from .interior_penalty import edge_penalty, facet_penalty
-from .kinematics import Pair, Point
-from .line import Line
-from .places import (
+from forms.effect import Effect, Term, Values
+from forms.facet_terms import FacetTerm
+from forms.interior_penalty import edge_penalty, facet_penalty
+from forms.kinematics import (
+    Pair,
+    Point,
     displacements,
     edge_of,
     edge_variation,
@@ -27,8 +28,7 @@ from .places import (
     point_of,
     point_variation,
 )
-from .term import Term
-from .variation import first_variation, second_variation, strain_variation
+from forms.variation import first_variation, second_variation, strain_variation
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ class Balance:
     def _density_of(self, terms: Sequence[Term]) -> Callable[[Point], Any]:
         return lambda point: sum(self._density(t, point) for t in terms)
 
-    def lines(self, family: int, field: Any) -> list[Line]:
+    def lines(self, family: int, field: Any) -> list[FacetTerm]:
         """Return one family's integrals over facets and over edges that hold its directions.
 
         Args:
@@ -206,12 +206,12 @@ class Balance:
             facet = facet_of(field, self.fibres, family, penalty, normal)
             vary = partial(facet_variation, fibres=self.fibres, family=family)
             where = self.facets[family](metadata=rule)
-            found.append(Line(facet, on_facets, vary, where, self.whole))
+            found.append(FacetTerm(facet, on_facets, vary, where, self.whole))
         if on_edges and held is not None:
             penalty = edge_penalty(mesh, self.degree, self.penalty)
             edge = edge_of(field, self.fibres, family, penalty, normal)
             vary = partial(edge_variation, fibres=self.fibres, family=family)
-            found.append(Line(edge, on_edges, vary, held(metadata=rule), self.whole))
+            found.append(FacetTerm(edge, on_edges, vary, held(metadata=rule), self.whole))
         return found
 
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
-from .effect import Effect
+from forms.effect import Effect
 
 
 @cache

@@ -3,6 +3,8 @@
 An effect is one file of this folder that defines ``EFFECT``; ``forms.catalogue``
 finds it, and everything else (case keys, spaces, integrals, history columns)
 follows from what the effect states here.
+
+An effect in a scene: with its values, and with a weight by which its share is told.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ from typing import Any
 
 import ufl
 
-from .kinematics import Edge, Facet, Point
+from forms.kinematics import Edge, Facet, Point
 
 #: Parameter values by name: a UFL scalar, or one for each family.
 Values = Mapping[str, Any]
@@ -200,3 +202,20 @@ class Effect:
         if self.strains is not None:
             return sum(s.energy for s in self.strains(point, values))
         return 0
+
+
+@dataclass(frozen=True)
+class Term:
+    """An effect of the scene with its parameter values.
+
+    Attributes:
+        effect: The effect.
+        values: UFL scalars by parameter name (a pair where it is per family).
+        weight: UFL scalar that multiplies the term in :meth:`Balance.potential` and
+            :meth:`Balance.power` (and nowhere else), so that one compiled form can
+            give each effect's share.
+    """
+
+    effect: Effect
+    values: Values
+    weight: Any

@@ -6,7 +6,7 @@ from typing import Any
 
 import ufl
 
-from .effect import Bound, Values
+from forms.effect import Bound, Values
 
 
 def log_cosh(x: Any) -> Any:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from .effect import Effect, Parameter, Values
-from .kinematics import Point, shear_tangent
+from forms.effect import Effect, Parameter, Values
+from forms.kinematics import Point, shear_tangent
 
 
 def energy(point: Point, values: Values) -> Any:

@@ -11,9 +11,9 @@ from typing import Any
 
 import ufl
 
-from .effect import Effect, Needs, Parameter, Values
-from .friction import COULOMB, SMOOTH, smoothed_coulomb
-from .kinematics import Point
+from forms.effect import Effect, Needs, Parameter, Values
+from forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from forms.kinematics import Point
 
 
 def slip(point: Point) -> Any:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from .effect import Effect, Needs, Parameter, Values
-from .friction import COULOMB, SMOOTH, smoothed_coulomb
-from .kinematics import Point, shear_angle
+from forms.effect import Effect, Needs, Parameter, Values
+from forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from forms.kinematics import Point, shear_angle
 
 
 def angle(point: Point) -> Any:

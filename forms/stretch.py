@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from .effect import Effect, Parameter, Strain, Values
-from .kinematics import Point, stretch
+from forms.effect import Effect, Parameter, Strain, Values
+from forms.kinematics import Point, stretch
 
 
 def strains(point: Point, values: Values) -> tuple[Strain, ...]:

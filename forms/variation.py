@@ -11,8 +11,8 @@ from typing import Any
 
 import ufl
 
-from .effect import Strain
-from .kinematics import Edge, Facet, Point, label
+from forms.effect import Strain
+from forms.kinematics import Edge, Facet, Point, label
 
 Place = Point | Facet | Edge
 

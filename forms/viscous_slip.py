@@ -9,8 +9,8 @@ from typing import Any
 
 import ufl
 
-from .effect import Effect, Needs, Parameter, Values
-from .slip_friction import slip
+from forms.effect import Effect, Needs, Parameter, Values
+from forms.slip_friction import slip
 
 
 def dissipation(rate: Any, values: Values) -> Any:

@@ -13,23 +13,18 @@ from petsc4py import PETSc
 
 from forms.catalogue import effects
 from forms.effect import Effect
-from wovenfab.model.assembly import (
-    assemble_matrix,
-    assemble_scalar,
-    assemble_vector,
-    create_matrix,
-)
+from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.sheet.rectangle import rectangle
 from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.solver.controls import Controls
-from wovenfab.solver.equilibrium import Equilibrium
-from wovenfab.stepping.march import March
+from wovenfab.sheet.structured import rectangle
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
 
 #: Table 1 of the paper, with the spin friction of its figure 7 (left).
 TABLE_1 = {
@@ -90,15 +85,15 @@ def effect(name: str) -> Effect:
 
 
 def solver(
-    of: Model, grips: Sequence[Grip] = PULL, controls: Controls | None = None
-) -> tuple[Constraints, Equilibrium]:
+    of: Model, grips: Sequence[Grip] = PULL, controls: SolverOptions | None = None
+) -> tuple[Constraints, EquilibriumSolver]:
     """Return constraints and solver of a model."""
     constraints = Constraints(of.placements, of.sheet, grips)
-    return constraints, Equilibrium(of, constraints, controls or Controls())
+    return constraints, EquilibriumSolver(of, constraints, controls or SolverOptions())
 
 
 def force(
-    of: Model, grips: Sequence[Grip], displacement: float, controls: Controls | None = None
+    of: Model, grips: Sequence[Grip], displacement: float, controls: SolverOptions | None = None
 ) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) after one elastic step from rest."""
     constraints, equilibrium = solver(of, grips, controls)
@@ -115,7 +110,7 @@ def march(
     program: Program,
     scheme: str = "backward-euler",
     grips: Sequence[Grip] = PULL,
-    controls: Controls | None = None,
+    controls: SolverOptions | None = None,
     smallest_step: float = 1 / 64,
     look: Callable[[Step], None] = lambda step: None,
 ) -> list[Step]:
@@ -125,7 +120,7 @@ def march(
     """
     of.field.x.array[:] = 0
     constraints, equilibrium = solver(of, grips, controls)
-    marching = March(of, constraints, equilibrium, program, SCHEMES[scheme], smallest_step)
+    marching = TimeStepper(of, constraints, equilibrium, program, SCHEMES[scheme], smallest_step)
     steps = []
     for step in marching.steps():
         look(step)

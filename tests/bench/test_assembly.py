@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from dolfinx.fem import petsc as fem_petsc
 
+from benchmarks.assembly import plain_tangent
 from tests import scenes
-from wovenfab.bench.assembly import plain_tangent
 from wovenfab.model.assembly import assemble_matrix, create_matrix
 from wovenfab.model.compiler import compile_form
 from wovenfab.model.model import Numerics

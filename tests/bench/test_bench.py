@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import pytest
 
-from wovenfab.bench.__main__ import SECTIONS, main
-from wovenfab.bench.figure import Figure
+from benchmarks.__main__ import SECTIONS, main
+from benchmarks.figure import Figure
 
 
 def section(value: float, at_least: bool) -> Callable[[], list[Figure]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from wovenfab.bench.textbook import Law, cheapest
+from benchmarks.textbook import Law, cheapest
 
 
 def test_a_power_law_is_found() -> None:

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from tests import scenes
 from wovenfab.case import CaseError, read_case
-from wovenfab.simulation.assemble import constraints_of, model_of, sheet_of
+from wovenfab.simulation.from_case import constraints_of, model_of, sheet_of
 
 VERDICTS = YAML(typ="safe").load(Path(__file__).with_name("combinations.yaml"))
 RUNS = VERDICTS["runs"]

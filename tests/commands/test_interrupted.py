@@ -12,7 +12,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests.commands.test_commands import CASE, rows, wovenfab
-from wovenfab.commands.voice import INTERRUPTED, was_interrupted
+from wovenfab.cli.console import INTERRUPTED, was_interrupted
 
 
 def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:

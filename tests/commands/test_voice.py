@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from wovenfab.commands.voice import Voice
+from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import Progress
 from wovenfab.stepping.step import Step
 
@@ -18,7 +18,7 @@ def test_a_log_tells_the_time_left_at_the_present_pace_once_it_can_be_known(
 ) -> None:
     clock = [0.0]
     monkeypatch.setattr("time.monotonic", lambda: clock[0])
-    voice = Voice()
+    voice = Console()
     voice.progress(Progress("stepping", unknowns=12))
     for clock[0], done, accepted in (
         (1.0, 0.0001, step(1, 1, 0)),  # too soon for another line

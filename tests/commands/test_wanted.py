@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import read_case
-from wovenfab.commands.run import run_case
-from wovenfab.study.wanted import pilot
+from wovenfab.cli.run import run_case
+from wovenfab.study.target_accuracy import plan as pilot
 
 CASE = Path(__file__).parents[2] / "configs" / "elastic-1x3.yaml"
 SMALL = "{type: ramp, to: 20 mm, steps: 4}"

@@ -15,8 +15,8 @@ import pytest
 from forms.balance import Balance
 from forms.catalogue import effects
 from forms.effect import Effect
+from forms.facet_terms import FacetTerm
 from forms.kinematics import Facet
-from forms.line import Line
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 
@@ -186,10 +186,10 @@ def test_swapping_the_sides_of_every_facet_changes_nothing(
     model = scene(effect)
     as_built = residual(model)
 
-    def swapped(self: Balance, *of: object) -> list[Line]:
+    def swapped(self: Balance, *of: object) -> list[FacetTerm]:
         return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self, *of)]
 
-    def swap(line: Line) -> Line:
+    def swap(line: FacetTerm) -> FacetTerm:
         f_plus, f_minus, g_plus, g_minus = line.place.measures
         other = replace(line.place, along=-line.place.along)
         other = other.with_measures([f_minus, f_plus, g_minus, g_plus])

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import pytest
 
-from wovenfab.hard.families import row_named
-from wovenfab.hard.row import Row, problems
+from benchmarks.hard.families import row_named
+from benchmarks.hard.row import Row, problems
 
 Change = Callable[[Row], Row]
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wovenfab.hard import store, worker
-from wovenfab.hard.crossing import exact_crossing
-from wovenfab.hard.families import families, row_named
-from wovenfab.hard.families.scales import Scale
-from wovenfab.hard.grids import crossed
-from wovenfab.hard.page import page, table
-from wovenfab.hard.row import Bound, Figures, Row, Setting, is_good, problems, together, verdict
-from wovenfab.hard.store import Kept
+from benchmarks.hard import store, worker
+from benchmarks.hard.crossing import exact_crossing
+from benchmarks.hard.families import families, row_named
+from benchmarks.hard.families.scales import Scale
+from benchmarks.hard.grids import crossed
+from benchmarks.hard.page import page, table
+from benchmarks.hard.row import Bound, Figures, Row, Setting, is_good, problems, together, verdict
+from benchmarks.hard.store import Kept
 
 GOOD = Figures(100, 4, 3.0, 5, 0, 0.5, 1e-3).with_checks(difference=1e-5)
 ROW = Row(

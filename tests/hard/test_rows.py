@@ -7,8 +7,8 @@ import math
 import pytest
 from mpi4py import MPI
 
-from wovenfab.hard.families import families
-from wovenfab.hard.row import Row, problems
+from benchmarks.hard.families import families
+from benchmarks.hard.row import Row, problems
 
 ROWS = [row.small() for family in families() for row in family.rows]
 

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wovenfab.paper.campaign import Results, campaign_of
-from wovenfab.paper.claim import Claim
-from wovenfab.paper.claims import claims, evenness
-from wovenfab.paper.elements import compare, finding
-from wovenfab.paper.elements_page import ERRORS, LOOPS, YARNS
-from wovenfab.paper.figures import CYCLE, FIGURES
-from wovenfab.paper.page import page
-from wovenfab.report.stamp import read_stamp
-from wovenfab.study.fingerprint import fingerprint
+from paper.campaign import Results, campaign_of
+from paper.claim import Claim
+from paper.claims import claims, evenness
+from paper.elements import compare, finding
+from paper.elements_page import ERRORS, LOOPS, YARNS
+from paper.figures import CYCLE, FIGURES
+from paper.page import page
+from wovenfab.report.metadata import read_stamp
+from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep
 
 PAPER = Path(__file__).parents[2] / "configs" / "paper"
@@ -57,7 +57,7 @@ def paper(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def first(paper: Path) -> tuple[Path, str]:
     """Return the folder of a campaign and what it said."""
     ended = subprocess.run(
-        [sys.executable, "-m", "wovenfab", "paper", "coarse", "-o", "out"],
+        [sys.executable, "-m", "paper", "coarse", "-o", "out"],
         cwd=paper.parent, text=True, capture_output=True, check=False,
     )  # fmt: skip
     assert ended.returncode == 0, ended.stderr
@@ -113,7 +113,7 @@ def test_all_figures_are_drawn_and_say_where_they_are_from(first: tuple[Path, st
     for picture in PICTURES:
         told = read_stamp(first[0] / "paper" / picture)
         assert (told.command, told.commit) == (account["command"], account["commit"])
-        assert told.command.startswith("wovenfab paper ")
+        assert told.command.startswith("python3 -m paper ")
 
 
 def test_the_page_is_written_from_its_account(first: tuple[Path, str]) -> None:

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from paper.across import profile
+from paper.claim import Claim, above, between, digits, falling
+from paper.claims import sheared_zone
+from paper.field import Field, likeness
+from paper.loop import Loop, loops_of
 from tests.report.sample import LENGTH, SLIP, WIDTH, make
 from wovenfab.case import Rectangle
-from wovenfab.paper.across import profile
-from wovenfab.paper.claim import Claim, above, between, digits, falling
-from wovenfab.paper.claims import sheared_zone
-from wovenfab.paper.field import Field, likeness
-from wovenfab.paper.loop import Loop, loops_of
 
 Values = np.ndarray
 

@@ -10,11 +10,11 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
-from wovenfab.simulation.assemble import sheet_of
-from wovenfab.simulation.trace import Trace, trace_of
-from wovenfab.study.wanted.elements import Found
-from wovenfab.study.wanted.error_map import ERRORS, shares, write_errors
-from wovenfab.study.wanted.pilot import pilot
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.response import Response, response_of
+from wovenfab.study.target_accuracy.error_map import ERRORS, shares, write_errors
+from wovenfab.study.target_accuracy.mesh import Plan
+from wovenfab.study.target_accuracy.plan import plan
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -27,14 +27,14 @@ THERE_AND_BACK = "[{to: 20 mm, RAMP}, {to: 0 mm, RAMP}]".replace(
 )
 
 
-def answer(case: Case, comm: MPI.Comm) -> tuple[Found, Trace, list[str]]:
+def answer(case: Case, comm: MPI.Comm) -> tuple[Plan, Response, list[str]]:
     """Return what the pilot finds, the run with it and what was said on the way."""
     said: list[str] = []
-    found = pilot(case, lambda c: sheet_of(c, comm), said.append)
-    return found, trace_of(found.case, found.sheet), said
+    found = plan(case, lambda c: sheet_of(c, comm), said.append)
+    return found, response_of(found.case, found.sheet), said
 
 
-def relative(found: Found) -> dict[str, float]:
+def relative(found: Plan) -> dict[str, float]:
     assert found.estimate is not None
     time = found.estimate.time or {}
     return found.estimate.space | {f"{name} of steps": e for name, e in time.items()}

@@ -7,7 +7,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from wovenfab.solver.factor import Factor, create_direct
+from wovenfab.solver.linear import LinearSolver, create_direct
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 
@@ -25,7 +25,7 @@ def test_a_negative_eigenvalue_in_the_last_block_is_counted(coupling: float) -> 
         values[0] += 1.0
         matrix.setValues([row], columns, values)
     matrix.assemble()
-    factor = Factor(create_direct(matrix.comm), matrix)
+    factor = LinearSolver(create_direct(matrix.comm), matrix)
     b, x = matrix.createVecs()
     b.set(1.0)
     assert factor.solve(b, x) > 0

@@ -17,20 +17,19 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.balance import Balance
+from forms.facet_terms import FacetTerm
 from forms.kinematics import Facet
-from forms.line import Line
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle
+from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle
 from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.solver import system as solver_module
-from wovenfab.solver.controls import Controls
-from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March
+from wovenfab.solver import problem as solver_module
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.stepping.stability import Loss
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.stability import StabilityLoss
+from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.stepping.time_stepper import TimeStepper
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -72,7 +71,7 @@ def compare(
     program: Program,
     scheme: str,
     values: Mapping[str, Any] = scenes.TABLE_1,
-    controls: Controls | None = None,
+    controls: SolverOptions | None = None,
 ) -> None:
     """Assert that all ranks together and each alone march through the same states."""
     models = [scenes.model(place(comm), names, numerics, values) for comm in (COMM, ALONE)]
@@ -100,9 +99,9 @@ def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(
 
 
 def test_factors_that_are_kept_lead_to_the_same_loop(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
+    monkeypatch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
     program = program_of(cycle(0.0, 0.04, 0.25, 20))
-    keep, history = Controls(keep_from=0.0), scenes.PROTOTYPE_TWO_STEPS
+    keep, history = SolverOptions(keep_from=0.0), scenes.PROTOTYPE_TWO_STEPS
     compare(structured, SLIDING, history, program, "bdf2", controls=keep)
 
 
@@ -196,12 +195,12 @@ def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
     def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
         return [f_minus, f_plus, g_minus, g_plus]
 
-    def swap(line: Line) -> Line:
+    def swap(line: FacetTerm) -> FacetTerm:
         other = replace(line.place, along=-line.place.along)
         other = other.with_measures(reorder(*line.place.measures))
         return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
 
-    def swapped(self: Balance, *of: object) -> list[Line]:
+    def swapped(self: Balance, *of: object) -> list[FacetTerm]:
         return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self, *of)]
 
     monkeypatch.setattr(Balance, "lines", swapped)
@@ -211,11 +210,11 @@ def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
     assert other == pytest.approx(as_built, rel=1e-9, abs=1e-12 * np.abs(as_built).max())
 
 
-def failed(program: Program, controls: Controls) -> tuple[int, str, bool]:
+def failed(program: Program, controls: SolverOptions) -> tuple[int, str, bool]:
     """Return accepted steps, the failure's message and whether the field was restored."""
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.075), scenes.BONDED, scenes.PROTOTYPE)
     constraints, equilibrium = scenes.solver(model, controls=controls)
-    march = March(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 0.4)
+    march = TimeStepper(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 0.4)
     accepted, last = 0, np.zeros(0)
     with pytest.raises(StepFailedError) as failure:
         for _ in march.steps():
@@ -227,7 +226,7 @@ def failed(program: Program, controls: Controls) -> tuple[int, str, bool]:
 
 def test_a_failure_at_the_barrier_reaches_every_rank_alike() -> None:
     program = program_of([ramp(0.0, 0.02, 1.0, 2), ramp(0.02, 5.0, 1.0, 1)])
-    accepted, message, restored = failed(program, Controls(max_iterations=8))
+    accepted, message, restored = failed(program, SolverOptions(max_iterations=8))
     assert accepted >= 3 and restored
     assert COMM.allgather((accepted, message, restored)) == [(accepted, message, True)] * COMM.size
 
@@ -243,7 +242,7 @@ def test_a_nan_on_one_rank_stops_all_of_them(monkeypatch: pytest.MonkeyPatch) ->
 
     monkeypatch.setattr(solver_module, "assemble_vector", assemble)
     program = program_of([ramp(0.0, 0.02, 1.0, 2)])
-    accepted, message, _ = failed(program, Controls())
+    accepted, message, _ = failed(program, SolverOptions())
     assert accepted == 1
     assert "DIVERGED_FNORM_NAN" in message
     assert COMM.allgather(message) == [message] * COMM.size
@@ -283,14 +282,14 @@ def test_edges_have_the_same_facets_on_all_ranks_together() -> None:
         assert min(counts[1].values()) > 0
 
 
-def buckled(comm: MPI.Comm) -> tuple[Loss, Step, float]:
+def buckled(comm: MPI.Comm) -> tuple[StabilityLoss, Step, float]:
     """Return the loss, the last step on the branch, and the deflection there."""
     on = scenes.sheet(fibres=scenes.ALONG, comm=comm)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model, scenes.PUSH, Controls(descend=True))
+    constraints, equilibrium = scenes.solver(model, scenes.PUSH, SolverOptions(descend=True))
     program = program_of([ramp(0.0, 2e-4, 1.0, 1)])
     scheme = SCHEMES["backward-euler"]
-    march = March(model, constraints, equilibrium, program, scheme, 1 / 1024, "follow")
+    march = TimeStepper(model, constraints, equilibrium, program, scheme, 1 / 1024, "follow")
     steps = list(march.steps())
     equilibrium.destroy()
     (loss,) = [s.loss for s in steps if s.loss]

@@ -9,8 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.record.light_reader import BrokenFileError, read
-from wovenfab.record.fields import FieldSeries
-from wovenfab.record.lattice import Lattice
+from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.stored_fields import read_fields
 
 UNITS = {"displacement_1": "m", "beta": "m", "shear_angle": "rad"}

@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
-from wovenfab.record.fields import FieldSeries
+from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, StepRecord, read_history
-from wovenfab.record.lattice import Lattice
 from wovenfab.record.results import open_results
 from wovenfab.record.summary import summarise, write_summary
 

@@ -10,16 +10,16 @@ import pytest
 from PIL import Image
 
 from tests.report.sample import FIBRES, LENGTH, WIDTH, make
-from wovenfab.commands.report import report_results
+from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import polylines
-from wovenfab.record.provenance import Provenance
+from wovenfab.record.results import Provenance
 from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.animation import PIXELS, animate
-from wovenfab.report.source import open_source
-from wovenfab.report.stamp import read_stamp
+from wovenfab.report.metadata import read_stamp
+from wovenfab.report.run_data import open_run_data
 from wovenfab.report.style import house_style
 from wovenfab.report.viewer import SCRIPT, write_viewer
-from wovenfab.report.yarn_series import write_yarns
+from wovenfab.report.yarns import write_yarns
 
 ORIGIN = Provenance("wovenfab run a.yaml", "0123456789ab")
 
@@ -35,7 +35,7 @@ def series(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a copy of the run with its yarns."""
     directory = tmp_path_factory.mktemp("yarns") / "run"
     shutil.copytree(run, directory)
-    written = write_yarns(open_source(directory), read_fields(directory))
+    written = write_yarns(open_run_data(directory), read_fields(directory))
     assert [path.name for path in written] == ["yarns.xdmf", "yarns.h5"]
     return directory
 
@@ -110,7 +110,7 @@ def test_polylines_are_told_one_after_the_other() -> None:
 
 
 def test_the_last_cycle_moves_at_the_pace_of_its_times(run: Path, tmp_path: Path) -> None:
-    source, stored = open_source(run), read_fields(run)
+    source, stored = open_run_data(run), read_fields(run)
     with house_style():
         path = animate(source, stored, tmp_path / "a.gif", ORIGIN)
     assert read_stamp(path) == ORIGIN
@@ -134,7 +134,7 @@ def test_the_last_cycle_moves_at_the_pace_of_its_times(run: Path, tmp_path: Path
 def test_a_run_of_one_stored_time_is_a_still(tmp_path: Path) -> None:
     stopped = make(tmp_path / "run", [0.03], placements=1, every=40, stop=1)
     with house_style():
-        path = animate(open_source(stopped), read_fields(stopped), tmp_path / "a.gif", ORIGIN)
+        path = animate(open_run_data(stopped), read_fields(stopped), tmp_path / "a.gif", ORIGIN)
     with Image.open(path) as picture:
         assert picture.n_frames == 1
 

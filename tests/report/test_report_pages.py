@@ -10,20 +10,19 @@ import pytest
 from mpi4py import MPI
 
 from tests.report.sample import CASE, make
-from wovenfab.commands.report import report_results
+from wovenfab.cli.report import report_results
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.cycle_table import read_cycles, write_cycles
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.history import read_history
-from wovenfab.record.provenance import Provenance
+from wovenfab.record.results import Provenance
 from wovenfab.record.stored_fields import read_fields
 from wovenfab.record.summary import read_summary, write_summary
-from wovenfab.report.pages.blocks import Table, Text, section
+from wovenfab.report.pages.blocks import Table, Text, section, write_page
 from wovenfab.report.pages.comparison import default_place, flat, labels, write_comparison
-from wovenfab.report.pages.render import write_page
 from wovenfab.report.pages.run_page import write_run_page
 from wovenfab.report.pages.tables import cycle_table
-from wovenfab.report.source import open_source
+from wovenfab.report.run_data import open_run_data
 
 
 class Reader(HTMLParser):
@@ -62,7 +61,7 @@ class Reader(HTMLParser):
 def cycles_of(results: Path) -> None:
     """Write cycles.csv of a made-up run, as a real one does."""
     history = read_history(results)
-    spans = [(cycle.start, cycle.end) for cycle in open_source(results).cycles]
+    spans = [(cycle.start, cycle.end) for cycle in open_run_data(results).cycles]
     write_cycles(results, history, spans, BiasExtension(0.9, 0.3, 0, 1.0, 0.0))
 
 

@@ -14,7 +14,7 @@ from wovenfab.report.deformed import deformed
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import SHOWN, mode
 from wovenfab.report.pictures import ReportError, draw
-from wovenfab.report.source import open_source
+from wovenfab.report.run_data import open_run_data
 from wovenfab.report.style import readable
 
 
@@ -36,7 +36,7 @@ def test_equal_results_give_equal_files(small: Path) -> None:
 
 def test_the_loop_shows_every_row_once_in_millimetres(two: Path) -> None:
     history = read_history(two)
-    figure = loop(open_source(two))
+    figure = loop(open_run_data(two))
     axes = figure.axes[0]
     curves = [line for line in axes.lines if len(line.get_xdata()) > 2]
     assert len(curves) == 3
@@ -47,7 +47,7 @@ def test_the_loop_shows_every_row_once_in_millimetres(two: Path) -> None:
 
 
 def test_the_loop_states_the_dissipated_energy_of_the_data(two: Path) -> None:
-    legend = loop(open_source(two)).axes[0].get_legend()
+    legend = loop(open_run_data(two)).axes[0].get_legend()
     lost = read_history(two)["dissipated_J"]
     said = [float(text.get_text().split()[-2]) for text in legend.get_texts()]
     np.testing.assert_allclose(said, np.diff(lost[[0, 80, 160, 240]]), rtol=6e-3)
@@ -55,7 +55,9 @@ def test_the_loop_states_the_dissipated_energy_of_the_data(two: Path) -> None:
 
 def test_a_cycle_that_the_run_did_not_finish_is_marked(tmp_path: Path) -> None:
     stopped = make(tmp_path / "stopped", [0.02, 0.03], every=200, stop=100)
-    said = [text.get_text() for text in loop(open_source(stopped)).axes[0].get_legend().get_texts()]
+    said = [
+        text.get_text() for text in loop(open_run_data(stopped)).axes[0].get_legend().get_texts()
+    ]
     assert ["not finished" in text for text in said] == [False, True]
 
 
@@ -67,14 +69,14 @@ def test_an_elastic_loop_speaks_of_no_dissipation(small: Path) -> None:
     path.write_text(
         "\n".join([header, *(",".join([*r[:at], "0.0", *r[at + 1 :]]) for r in cut), ""])
     )
-    legend = loop(open_source(small)).axes[0].get_legend()
+    legend = loop(open_run_data(small)).axes[0].get_legend()
     assert [text.get_text() for text in legend.get_texts()] == ["1 (30 mm)"]
 
 
 def test_the_loop_needs_no_summary_and_no_case(small: Path) -> None:
     (small / "summary.json").unlink()
     (small / "case.yaml").unlink()
-    axes = loop(open_source(small)).axes[0]
+    axes = loop(open_run_data(small)).axes[0]
     assert axes.get_title() == "small"
     assert max(len(line.get_xdata()) for line in axes.lines) == 81
     lost = read_history(small)["dissipated_J"][-1]
@@ -82,7 +84,7 @@ def test_the_loop_needs_no_summary_and_no_case(small: Path) -> None:
 
 
 def test_the_sheet_is_shown_at_the_largest_displacement_stored(two: Path) -> None:
-    figure = deformed(open_source(two), read_fields(two))
+    figure = deformed(open_run_data(two), read_fields(two))
     axes, bar = figure.axes
     assert any("at 60 mm" in text.get_text() for text in axes.texts)
     right = max(c.get_datalim(axes.transData).x1 for c in axes.collections)
@@ -91,7 +93,7 @@ def test_the_sheet_is_shown_at_the_largest_displacement_stored(two: Path) -> Non
 
 
 def test_the_yarns_are_those_of_both_families(two: Path) -> None:
-    axes = deformed(open_source(two), read_fields(two)).axes[0]
+    axes = deformed(open_run_data(two), read_fields(two)).axes[0]
     yarns = [c for c in axes.collections if str(c.get_label()).startswith("family")]
     assert len(yarns) == 2
     for family in yarns:
@@ -99,7 +101,7 @@ def test_the_yarns_are_those_of_both_families(two: Path) -> None:
 
 
 def test_one_placement_is_coloured_by_the_shear_angle(small: Path) -> None:
-    bar = deformed(open_source(small), read_fields(small)).axes[1]
+    bar = deformed(open_run_data(small), read_fields(small)).axes[1]
     assert bar.get_xlabel() == "shear angle \N{GREEK SMALL LETTER GAMMA} (°)"
 
 
@@ -122,7 +124,7 @@ def test_a_broken_picture_does_not_cost_the_others(small: Path) -> None:
 
 
 def test_fibres_are_understood_in_degrees_and_in_radians(small: Path) -> None:
-    fibres = open_source(small).fibres
+    fibres = open_run_data(small).fibres
     np.testing.assert_allclose(fibres, np.array([[1, 1], [1, -1]]) / np.sqrt(2), rtol=1e-12)
 
 
@@ -156,7 +158,7 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     series.write(0, history["time_s"][row], {"displacement": 0 * parts, "mode": parts})
     drawn = draw(small)
     assert [path.name for path in drawn][-1] == "mode.png"
-    axes = mode(open_source(small), read_fields(small, "mode")).axes[0]
+    axes = mode(open_run_data(small), read_fields(small, "mode")).axes[0]
     said = " ".join(text.get_text() for text in axes.texts)
     assert f"{1e3 * history['displacement_m'][row]:.4g} mm" in said
     assert f"{history['force_N'][row]:.4g} N" in said

@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from matplotlib.figure import Figure
 
-from wovenfab.record.provenance import Provenance, this_process
+from wovenfab.record.results import Provenance, this_process
 from wovenfab.record.summary import read_summary
-from wovenfab.report.apart import draw_apart
-from wovenfab.report.source import origin_of
-from wovenfab.report.stamp import faults, read_stamp
+from wovenfab.report.metadata import faults, read_stamp
+from wovenfab.report.run_data import origin_of
 from wovenfab.report.style import save
+from wovenfab.report.subprocess import draw_in_subprocess
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -82,7 +82,7 @@ def test_pictures_of_a_run_tell_the_command_of_the_run(small: Path) -> None:
     summary = read_summary(small)
     run = Provenance(str(summary["command"]), str(summary["commit"]))
     assert run.command == this_process().command  # the made-up run was made here
-    drawn = draw_apart(small).paths
+    drawn = draw_in_subprocess(small).paths
     assert {read_stamp(path).command for path in drawn} == {run.command}
 
 

@@ -8,20 +8,19 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.report.sample import make, mesh
-from wovenfab.record.lattice import Lattice
+from wovenfab.record.fields import Lattice
 from wovenfab.record.stored_fields import StoredFields, read_fields
 from wovenfab.report.curves import energies, losses, parts, solver
-from wovenfab.report.extremes import extremes, largest
-from wovenfab.report.looks import scale_of, telling_field
+from wovenfab.report.field_styles import scale_of, telling_field
 from wovenfab.report.mesh import corners
 from wovenfab.report.overlays import cycle_figures, loops
-from wovenfab.report.source import open_source
+from wovenfab.report.run_data import key_times, largest, open_run_data
 from wovenfab.report.style import house_style
 
 
 def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
-    source, stored = open_source(two), read_fields(two)
-    found = extremes(source, stored)
+    source, stored = open_run_data(two), read_fields(two)
+    found = key_times(source, stored)
     assert [turn.displacement for turn, _ in found] == pytest.approx([0.02, 0.04, 0.06])
     assert [end.displacement for _, end in found] == pytest.approx([0, 0, 0], abs=1e-12)
     assert stored.steps[[end.index for _, end in found]].tolist() == [80, 160, 240]
@@ -32,19 +31,19 @@ def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
 
 
 def test_of_many_cycles_the_first_the_last_and_some_between_are_shown(two: Path) -> None:
-    found = extremes(open_source(two), read_fields(two), most=2)
+    found = key_times(open_run_data(two), read_fields(two), most=2)
     assert [turn.words[:7] for turn, _ in found] == ["cycle 1", "cycle 3"]
 
 
 def test_a_run_without_cycles_is_one_way(small: Path) -> None:
     (small / "summary.json").unlink()
-    ((turn, end),) = extremes(open_source(small), read_fields(small))
+    ((turn, end),) = key_times(open_run_data(small), read_fields(small))
     assert (turn.words, end.words) == ("run, 30 mm", "end of run")
 
 
 def test_a_cycle_that_goes_on_ends_where_it_is(tmp_path: Path) -> None:
     stopped = make(tmp_path / "s", [0.03], placements=1, every=10, stop=31)
-    ((turn, end),) = extremes(open_source(stopped), read_fields(stopped))
+    ((turn, end),) = key_times(open_run_data(stopped), read_fields(stopped))
     assert turn.index == end.index == 3
 
 
@@ -131,7 +130,7 @@ def test_effects_without_energy_are_left_out() -> None:
 
 
 def test_the_losses_are_those_of_the_cycles(two: Path) -> None:
-    source = open_source(two)
+    source = open_run_data(two)
     with house_style():
         left, right = losses(source).axes
     heights = [bar.get_height() for bar in left.containers[0]]
@@ -142,7 +141,7 @@ def test_the_losses_are_those_of_the_cycles(two: Path) -> None:
 
 
 def test_energies_show_each_effect_and_their_sum(two: Path) -> None:
-    source = open_source(two)
+    source = open_run_data(two)
     with house_style():
         stored, lost = energies(source).axes
     curves = [line for line in stored.lines if len(line.get_xdata()) > 2]
@@ -151,7 +150,7 @@ def test_energies_show_each_effect_and_their_sum(two: Path) -> None:
 
 
 def test_the_solver_shows_every_step(small: Path) -> None:
-    source = open_source(small)
+    source = open_run_data(small)
     with house_style():
         iterations, length, phases = solver(source, {"steps": 9.0, "mesh": 0.001}).axes
     assert len(iterations.lines[0].get_xdata()) == 80
@@ -162,7 +161,7 @@ def test_the_solver_shows_every_step(small: Path) -> None:
 
 
 def test_an_overlay_has_a_line_for_each_run(two: Path, small: Path) -> None:
-    runs = [("a", open_source(two)), ("b", open_source(small))]
+    runs = [("a", open_run_data(two)), ("b", open_run_data(small))]
     with house_style():
         (axes,) = loops(runs).axes
         figures = cycle_figures(runs)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from wovenfab.record.lattice import Lattice
+from wovenfab.record.fields import Lattice
 from wovenfab.report.yarns import Triangles, lay_yarns, material_lines, outline
 
 RISING = np.array([1.0, 1.0]) / np.sqrt(2)

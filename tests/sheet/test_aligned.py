@@ -9,9 +9,15 @@ from mpi4py import MPI
 
 from tests.outlines import HOLDS, SHAPES, tee, with_hole
 from wovenfab.sheet.aligned import aligned_sheet, singular_points
-from wovenfab.sheet.fibre_lines import across, special_lines
-from wovenfab.sheet.fibre_mesh import divided, fibre_mesh, quality
-from wovenfab.sheet.fibre_spacing import evenly, spaced
+from wovenfab.sheet.fibre_mesh import (
+    across,
+    divided,
+    evenly,
+    fibre_mesh,
+    quality,
+    spaced,
+    special_lines,
+)
 from wovenfab.sheet.outline import Outline, outline_of, rectangle_outline
 from wovenfab.sheet.sheet import directions
 

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from tests import scenes
 from wovenfab.model.compiler import compile_form
-from wovenfab.sheet.gmsh_model import GeometryError, from_file, graded_rectangle
+from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle
 from wovenfab.sheet.sheet import Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"

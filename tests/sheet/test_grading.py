@@ -10,9 +10,7 @@ from numpy.typing import NDArray
 
 from tests.sheet.test_aligned import HOLDS, tee, with_hole
 from wovenfab.sheet.aligned import graded, singular_points
-from wovenfab.sheet.fibre_lines import special_lines
-from wovenfab.sheet.fibre_mesh import fibre_mesh
-from wovenfab.sheet.fibre_spacing import spaced
+from wovenfab.sheet.fibre_mesh import fibre_mesh, spaced, special_lines
 from wovenfab.sheet.grading import RATIO, STEEP, Grading, Layers, grading_of, shrunk
 from wovenfab.sheet.outline import Outline, rectangle_outline
 from wovenfab.sheet.sheet import directions

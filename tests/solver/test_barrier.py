@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from tests import scenes
 from wovenfab.model.model import Model
-from wovenfab.solver.admissible import SHARE, first_crossing
-from wovenfab.solver.controls import Controls
+from wovenfab.solver.globalisation import CROSSING_SHARE, first_crossing
+from wovenfab.solver.options import SolverOptions
 
 SHORT = 0.6  # 1:2, locks at 0.124 m
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
     equilibrium.destroy()
 
 
-def visited(controls: Controls, displacement: float, size: float) -> tuple[list[float], bool]:
+def visited(controls: SolverOptions, displacement: float, size: float) -> tuple[list[float], bool]:
     """Return the margin of every iterate of one large step, and whether it converged."""
     model = scenes.model(scenes.sheet(SHORT, mesh_size=size), scenes.BONDED, scenes.PROTOTYPE)
     constraints, equilibrium = scenes.solver(model, controls=controls)
@@ -128,14 +128,14 @@ def visited(controls: Controls, displacement: float, size: float) -> tuple[list[
 
 @pytest.mark.parametrize("displacement", [0.13, 0.2, 0.3])
 def test_every_iterate_of_a_step_far_beyond_locking_is_admissible(displacement: float) -> None:
-    margins, _ = visited(Controls(), displacement, 0.05)
+    margins, _ = visited(SolverOptions(), displacement, 0.05)
     assert min(margins) >= 0
 
 
 def test_without_the_limit_a_step_tunnels_through_the_barrier_and_even_converges() -> None:
-    margins, converged = visited(Controls(step_limit=False), 0.13, 0.05)
+    margins, converged = visited(SolverOptions(step_limit=False), 0.13, 0.05)
     assert converged and margins[-1] < -0.1
-    margins, converged = visited(Controls(), 0.13, 0.05)
+    margins, converged = visited(SolverOptions(), 0.13, 0.05)
     assert converged and margins[-1] > 0.1
 
 
@@ -150,7 +150,7 @@ def test_a_limited_step_goes_its_share_of_the_way() -> None:
     y.array_w[:] = -4 * limit * equilibrium.barrier.step.x.array
     full = y.array_r.copy()
     assert equilibrium._newton.limit_step(x, y)
-    assert y.array_r == pytest.approx(SHARE / 4 * full, rel=1e-12)
+    assert y.array_r == pytest.approx(CROSSING_SHARE / 4 * full, rel=1e-12)
     equilibrium.destroy()
     x.destroy()
     y.destroy()

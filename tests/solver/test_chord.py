@@ -12,20 +12,20 @@ from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.model.model import Numerics
-from wovenfab.solver.chord import LEFT, LONGEST_WAIT, Chord
-from wovenfab.solver.controls import Controls
 from wovenfab.solver.convergence import Convergence
-from wovenfab.solver.newton import Newton
-from wovenfab.solver.system import TANGENT
+from wovenfab.solver.linear import LEFT, LONGEST_WAIT, TangentReuse
+from wovenfab.solver.newton import NewtonSolver
+from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import TANGENT
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.step import Step
 
 SLIDING = (*scenes.COUPLED, "slip_friction")
 
 
-def chord_after(*shares: float) -> Chord:
+def chord_after(*shares: float) -> TangentReuse:
     """Return one that has begun a solve whose steps left these shares of the forces."""
-    chord = Chord()
+    chord = TangentReuse()
     chord.begin()
     for share in shares:
         chord.taken = chord.promises(share)
@@ -41,7 +41,7 @@ def test_a_tangent_serves_again_as_long_as_steps_leave_little() -> None:
 
 
 def test_after_a_step_that_was_not_worth_it_solves_wait_longer_each_time() -> None:
-    chord, waits = Chord(), []
+    chord, waits = TangentReuse(), []
     for _ in range(8):
         waited = 0
         while True:
@@ -76,26 +76,26 @@ def test_linear_convergence_is_not_taken_for_quadratic() -> None:
 
 def counted(march: Callable[[], list[Step]]) -> tuple[list[Step], int]:
     """Return the steps of a march, and how many tangents were formed for them."""
-    formed, form = [0], Newton.form_tangent
+    formed, form = [0], NewtonSolver.form_tangent
 
-    def counting(self: Newton, x: object) -> None:
+    def counting(self: NewtonSolver, x: object) -> None:
         formed[0] += 1
         form(self, x)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Newton, "form_tangent", counting)
+        patch.setattr(NewtonSolver, "form_tangent", counting)
         return march(), formed[0]
 
 
-def sliding_cycle(controls: Controls) -> list[Step]:
+def sliding_cycle(controls: SolverOptions) -> list[Step]:
     """Return the steps of a cycle of slip friction."""
     model = scenes.model(scenes.sheet(), SLIDING, scenes.PROTOTYPE_TWO_STEPS)
     return scenes.march(model, program_of(cycle(0.0, 0.04, 0.25, 80)), "bdf2", controls=controls)
 
 
 def test_a_predicted_step_forms_one_tangent_and_ends_where_newtons_method_does() -> None:
-    few, formed = counted(lambda: sliding_cycle(Controls()))
-    own, each = counted(lambda: sliding_cycle(Controls(keep_from=inf)))
+    few, formed = counted(lambda: sliding_cycle(SolverOptions()))
+    own, each = counted(lambda: sliding_cycle(SolverOptions(keep_from=inf)))
     print(f"\n{len(own) - 1} steps: {formed} tangents, one for each iteration {each}")
     assert each >= 2 * (len(own) - 1)
     assert formed < 1.2 * (len(own) - 1)
@@ -114,7 +114,7 @@ def test_petsc_logs_the_tangents_that_are_formed() -> None:
     PETSc.Log.begin()
     event = PETSc.Log.Event(TANGENT)
     before = event.getPerfInfo()["count"]
-    steps = sliding_cycle(Controls())
+    steps = sliding_cycle(SolverOptions())
     formed = event.getPerfInfo()["count"] - before
     assert formed == sum(s.tangents for s in steps) < sum(s.iterations for s in steps)
 
@@ -123,7 +123,7 @@ def test_petsc_logs_the_tangents_that_are_formed() -> None:
 def test_a_large_step_from_rest_is_newtons_alone(numerics: Numerics) -> None:
     """Its forces fall by orders while yarns still turn, so that they tell little of tangents."""
     program, marches = program_of([ramp(0.0, 0.1, 1.0, 1)]), []
-    for controls in (Controls(), Controls(keep_from=inf)):
+    for controls in (SolverOptions(), SolverOptions(keep_from=inf)):
         model = scenes.model(scenes.sheet(), scenes.BONDED, numerics)
         made = partial(scenes.march, model, program, "backward-euler", controls=controls)
         marches.append(counted(made))

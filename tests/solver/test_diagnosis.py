@@ -16,26 +16,27 @@ from tests import scenes
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.coercivity import proven_penalty
-from wovenfab.solver.controls import Controls, Outcome
-from wovenfab.solver.diagnosis import Diagnosis, diagnose
-from wovenfab.stepping.failure import StepFailedError, UnsoundSheetError
-from wovenfab.stepping.march import March
+from wovenfab.solver.diagnosis import Diagnosis, diagnose, proven_penalty
+from wovenfab.solver.options import SolveResult, SolverOptions
 from wovenfab.stepping.program import program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.step import StepFailedError, UnsoundSheetError
+from wovenfab.stepping.time_stepper import TimeStepper
 
 SHORT = 0.6
 
 
 def failure(
-    model: Model, displacement: float, steps: int = 1, controls: Controls | None = None,
+    model: Model, displacement: float, steps: int = 1, controls: SolverOptions | None = None,
     smallest: float = 1 / 8, grips: tuple[Grip, ...] = scenes.PULL,
 ) -> StepFailedError:  # fmt: skip
     """Return how a pull fails."""
     model.field.x.array[:] = 0
     constraints, equilibrium = scenes.solver(model, grips, controls)
     program = program_of([ramp(0.0, displacement, 1.0, steps)])
-    march = March(model, constraints, equilibrium, program, SCHEMES["backward-euler"], smallest)
+    march = TimeStepper(
+        model, constraints, equilibrium, program, SCHEMES["backward-euler"], smallest
+    )
     with pytest.raises(StepFailedError) as caught:
         list(march.steps())
     equilibrium.destroy()
@@ -124,7 +125,7 @@ def diagnosis_of(model: Model, reason: str) -> Diagnosis:
     """Return what is said of a state if a solve that began there had failed."""
     _, equilibrium = scenes.solver(model)
     state = model.field.x.array.copy()
-    outcome = Outcome(False, reason, 25, 1.0)
+    outcome = SolveResult(False, reason, 25, 1.0)
     found = diagnose(model, equilibrium, outcome, state)
     equilibrium.destroy()
     return found
@@ -144,14 +145,14 @@ def test_a_factorisation_that_fails_on_a_sound_sheet_is_named() -> None:
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
     # The block form of a Cholesky factor judges no single pivot; an LU factor does.
     options = {"pc_type": "lu", "pc_factor_mat_solver_type": "petsc", "pc_factor_zeropivot": 1e30}
-    error = failure(model, 0.01, controls=Controls(options=options))
+    error = failure(model, 0.01, controls=SolverOptions(options=options))
     assert error.outcome.reason == "DIVERGED_LINEAR_SOLVE"
     assert "factorisation failed" in error.diagnosis.cause
 
 
 def test_otherwise_the_step_is_too_large_and_the_place_is_where_it_moves_most() -> None:
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
-    found = failure(model, 0.1, 1, Controls(max_iterations=1), 1.0).diagnosis
+    found = failure(model, 0.1, 1, SolverOptions(max_iterations=1), 1.0).diagnosis
     assert "step is too large" in found.cause and "iterations: 1" in found.cause
     assert "steps" in found.remedy
 

@@ -12,7 +12,7 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.controls import Controls, Outcome
+from wovenfab.solver.options import SolveResult, SolverOptions
 
 CUBIC = Numerics(3)
 LARGE = 0.1
@@ -25,8 +25,8 @@ def bonded(numerics: Numerics, mesh_size: float = 0.05) -> Model:
 
 
 def one_step(
-    model: Model, displacement: float, controls: Controls | None = None
-) -> tuple[Outcome, dict[str, tuple[float, float]]]:
+    model: Model, displacement: float, controls: SolverOptions | None = None
+) -> tuple[SolveResult, dict[str, tuple[float, float]]]:
     constraints, equilibrium = scenes.solver(model, controls=controls)
     constraints.set(displacement)
     outcome = equilibrium.solve()
@@ -48,7 +48,7 @@ def test_a_large_pull_from_rest_in_one_step_takes_at_most_ten_iterations(
 
 def test_the_plain_tangent_needs_more_iterations_for_the_same_solution() -> None:
     mixed, plain = bonded(scenes.PROTOTYPE), bonded(replace(scenes.PROTOTYPE, mixed=False))
-    own = Controls(keep_from=inf)  # a tangent for each iteration
+    own = SolverOptions(keep_from=inf)  # a tangent for each iteration
     (few, force), (many, same) = one_step(mixed, LARGE, own), one_step(plain, LARGE, own)
     print(f"\nmixed tangent {few.iterations} iterations, plain {many.iterations}")
     assert few.converged and many.converged
@@ -109,7 +109,7 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
 
 
 def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
-    controls = Controls(options={"ksp_type": "gmres"})
+    controls = SolverOptions(options={"ksp_type": "gmres"})
     _, equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
     found = equilibrium.factor.method[0]
     equilibrium.destroy()
@@ -122,5 +122,5 @@ def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
 
 def test_every_outcome_has_a_name() -> None:
     model = bonded(scenes.PROTOTYPE, 0.15)
-    outcome, _ = one_step(model, LARGE, Controls(max_iterations=1))
-    assert outcome == Outcome(False, "DIVERGED_MAX_IT", 1, outcome.residual, tangents=1)
+    outcome, _ = one_step(model, LARGE, SolverOptions(max_iterations=1))
+    assert outcome == SolveResult(False, "DIVERGED_MAX_IT", 1, outcome.residual, tangents=1)

@@ -11,15 +11,14 @@ import pytest
 from petsc4py import PETSc
 
 from tests import scenes
-from wovenfab.solver.chord import Chord
-from wovenfab.solver.controls import Controls
-from wovenfab.solver.factor import Factor, create_direct
+from wovenfab.solver.linear import LinearSolver, TangentReuse, create_direct
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step
 
 SIZE = 60
-RENEW = Factor._renew
+RENEW = LinearSolver._renew
 
 
 def laplacian(shift: float = 0.0, held: float = 1.0) -> Any:
@@ -33,7 +32,7 @@ def laplacian(shift: float = 0.0, held: float = 1.0) -> Any:
     return matrix
 
 
-class Counting(Factor):
+class Counting(LinearSolver):
     """Counts its factorisations."""
 
     made = 0
@@ -66,7 +65,7 @@ def dense(shift: float) -> Any:
     return full
 
 
-def solve(factor: Factor, shift: float) -> tuple[Any, Any]:
+def solve(factor: LinearSolver, shift: float) -> tuple[Any, Any]:
     """Give the factor's matrix another diagonal; return the solution and the exact one."""
     matrix = factor._matrix
     fresh = laplacian(shift)
@@ -157,14 +156,16 @@ def marched(keep_from: float) -> tuple[list[Step], list[Step], int]:
     for least in (keep_from, inf):
         count = [0]
 
-        def counting(self: Factor, count: list[int] = count) -> None:
+        def counting(self: LinearSolver, count: list[int] = count) -> None:
             count[0] += 1
             RENEW(self)
 
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Factor, "_renew", counting)
-            patch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
-            marches.append(scenes.march(model, program, "bdf2", controls=Controls(keep_from=least)))
+            patch.setattr(LinearSolver, "_renew", counting)
+            patch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
+            marches.append(
+                scenes.march(model, program, "bdf2", controls=SolverOptions(keep_from=least))
+            )
         made.append(count[0])
     return *marches, made[1] - made[0]
 
@@ -185,7 +186,9 @@ def test_a_march_with_kept_factors_is_the_same_and_saves_most_factorisations() -
 def test_inexact_solutions_with_kept_factors_cost_hardly_an_iteration(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(Chord, "promises", lambda *_: False)  # each iteration has its tangent
+    monkeypatch.setattr(
+        TangentReuse, "promises", lambda *_: False
+    )  # each iteration has its tangent
     kept, own, saved = marched(10.0)
     more = np.array([k.iterations - s.iterations for k, s in zip(kept, own, strict=True)])
     print(f"\n{more.sum()} iterations more than {sum(s.iterations for s in own)}")
@@ -199,20 +202,20 @@ def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
     model = scenes.model(scenes.sheet(fibres=scenes.ALONG), scenes.BONDED, scenes.PROTOTYPE)
     program = program_of([ramp(0.0, 1e-4, 1.0, 64)])
     where, refined = [], []
-    refine = Factor._refine
+    refine = LinearSolver._refine
 
-    def counting(self: Factor, b: Any, x: Any, accuracy: float) -> bool:
+    def counting(self: LinearSolver, b: Any, x: Any, accuracy: float) -> bool:
         refined.append(accuracy)
         return refine(self, b, x, accuracy)
 
     for least in (inf, 0.0):
         assert not refined
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(Factor, "_refine", counting)
-            patch.setattr("wovenfab.solver.factor.OPERATIONS_PER_USE", 4.0)
+            patch.setattr(LinearSolver, "_refine", counting)
+            patch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)
             with pytest.raises(StabilityLostError) as error:
                 scenes.march(
-                    model, program, grips=scenes.PUSH, controls=Controls(keep_from=least),
+                    model, program, grips=scenes.PUSH, controls=SolverOptions(keep_from=least),
                     smallest_step=1 / 1024,
                 )  # fmt: skip
         loss = error.value.loss

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from petsc4py import PETSc
 
-from wovenfab.solver.gradients import Gradients
+from wovenfab.solver.linear import ConjugateGradients
 
 SIZE, MOST = 200, 40
 
@@ -71,7 +71,7 @@ def test_they_are_accurate_and_save_an_application(
     accuracy: float, earlier: Any, random: np.random.Generator
 ) -> None:
     matrix = chain(random.uniform(0.8, 1.3, SIZE + 1), 0.15)
-    solver = Gradients(matrix, earlier)
+    solver = ConjugateGradients(matrix, earlier)
     b, x = matrix.createVecs()
     errors, saved = [], []
     for _ in range(20):
@@ -96,7 +96,7 @@ def test_they_tell_where_they_fail(
     support: float, most: int, earlier: Any, random: np.random.Generator
 ) -> None:
     matrix = chain(np.ones(SIZE + 1), support)
-    solver = Gradients(matrix, earlier)
+    solver = ConjugateGradients(matrix, earlier)
     b, x = matrix.createVecs()
     b.array_w[:] = random.standard_normal(SIZE)
     done, applied = solver.solve(b, x, 1e-8, most)

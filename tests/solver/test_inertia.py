@@ -12,18 +12,18 @@ from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.model.model import Model
-from wovenfab.solver.branch import leave_saddle, softest_mode
-from wovenfab.solver.controls import Controls, Outcome
-from wovenfab.solver.equilibrium import Equilibrium
-from wovenfab.solver.inertia import Inertia
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.tangent_spectrum import TangentSpectrum
+from wovenfab.stepping.stability import leave_saddle, softest_mode
 
 #: Pushed along the yarns, the coarse sheet buckles first at 0.026 mm.
 CRITICAL = 2.6e-5
 
 
 def pushed(
-    displacement: float, controls: Controls | None = None
-) -> tuple[Model, Equilibrium, Outcome]:
+    displacement: float, controls: SolverOptions | None = None
+) -> tuple[Model, EquilibriumSolver, SolveResult]:
     """Return the bonded sheet after one step from rest."""
     on = scenes.sheet(fibres=scenes.ALONG)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
@@ -32,7 +32,7 @@ def pushed(
     return model, equilibrium, equilibrium.solve()
 
 
-def tangent(equilibrium: Equilibrium) -> NDArray[np.float64]:
+def tangent(equilibrium: EquilibriumSolver) -> NDArray[np.float64]:
     """Return both halves of the tangent of the present state."""
     equilibrium.tangent()
     matrix = scenes.tangent(equilibrium._model, equilibrium._constraints.bcs)
@@ -42,7 +42,7 @@ def tangent(equilibrium: Equilibrium) -> NDArray[np.float64]:
     return values
 
 
-def held(equilibrium: Equilibrium) -> NDArray[np.int32]:
+def held(equilibrium: EquilibriumSolver) -> NDArray[np.int32]:
     """Return the prescribed unknowns."""
     return np.concatenate([bc.dof_indices()[0] for bc in equilibrium._constraints.bcs])
 
@@ -125,7 +125,7 @@ def test_other_linear_solvers_are_judged_by_a_factor_of_their_own(
     options: dict[str, str], times: float
 ) -> None:
     _, plain, expected = pushed(times * CRITICAL)
-    _, other, outcome = pushed(times * CRITICAL, Controls(options=options))
+    _, other, outcome = pushed(times * CRITICAL, SolverOptions(options=options))
     assert other.inertia._own is not None
     assert (outcome.converged, outcome.negatives) == (True, expected.negatives)
     plain.destroy()
@@ -185,7 +185,7 @@ def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
 def test_a_saddle_is_left_for_a_minimum_of_lower_potential_on_either_side() -> None:
     sides = []
     for sign in (1.0, -1.0):
-        model, equilibrium, outcome = pushed(1.5 * CRITICAL, Controls(descend=True))
+        model, equilibrium, outcome = pushed(1.5 * CRITICAL, SolverOptions(descend=True))
         before, at = equilibrium.energy(), model.field.x.array.copy()
         mode = softest_mode(model, equilibrium)
         outcome = leave_saddle(model, equilibrium, sign * mode)
@@ -202,8 +202,8 @@ def test_tension_needs_no_more_factors_than_newton_in_the_whole_program(
 ) -> None:
     """All judgements are made on factors that Newton's method needed anyway."""
     made = []
-    whole = Inertia._refactor
-    monkeypatch.setattr(Inertia, "_refactor", lambda self: (made.append(1), whole(self))[1])
+    whole = TangentSpectrum._refactor
+    monkeypatch.setattr(TangentSpectrum, "_refactor", lambda self: (made.append(1), whole(self))[1])
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
     constraints, equilibrium = scenes.solver(model)
     for displacement in np.linspace(0.0, 0.1, 11)[1:]:

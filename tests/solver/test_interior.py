@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from wovenfab.solver.interior import Interior
+from wovenfab.solver.interior_point import InteriorPoint
 
 Array = NDArray[np.float64]
 Creep = Callable[[Array], tuple[Array, Array]]
@@ -26,7 +26,7 @@ def solve(
     stiffness: Array, force: Array, bound: Array, creep: Creep = no_creep
 ) -> tuple[Array, Array, int]:
     """Minimise b·K b/2 - f·b + sum zeta |b|; return b, the stress and the iterations."""
-    interior = Interior(bound, np.ones_like(bound))
+    interior = InteriorPoint(bound, np.ones_like(bound))
     size = np.abs(force).max() / np.diag(stiffness).max()
     interior.place(force)
     interior.split(np.zeros_like(bound), np.full_like(bound, size))

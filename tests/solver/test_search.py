@@ -12,10 +12,10 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import read_case
-from wovenfab.simulation.assemble import sheet_of
-from wovenfab.simulation.rig import rig_of
-from wovenfab.solver.inertia import Inertia
-from wovenfab.solver.search import LOOSE, Search
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import simulation_of
+from wovenfab.solver.globalisation import LOOSE, LineSearch
+from wovenfab.solver.tangent_spectrum import TangentSpectrum
 from wovenfab.stepping.step import Step
 
 BONDED = Path(__file__).parents[2] / "configs" / "bonded-1x3.yaml"
@@ -30,7 +30,7 @@ BENT = (
 def pulled() -> list[Step]:
     """Return the states of the bent yarns after a small step and a large one."""
     case = read_case(BONDED, BENT)
-    with rig_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
         return list(rig.march.steps())
 
 
@@ -38,7 +38,7 @@ def test_sharply_bent_yarns_turn_in_one_step_by_the_positive_part_of_the_tangent
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     once = pulled()
-    monkeypatch.setattr(Inertia, "saddle", False)  # steps are by the whole tangent then
+    monkeypatch.setattr(TangentSpectrum, "saddle", False)  # steps are by the whole tangent then
     cut = pulled()
     cutbacks = [sum(s.cutbacks for s in steps) for steps in (once, cut)]
     print(f"\n{once[-1].iterations} iterations, cut-backs {cutbacks[0]}; without it {cutbacks[1]}")
@@ -54,7 +54,7 @@ class Slope:
         self.field = SimpleNamespace(x=SimpleNamespace(array=np.zeros(1)))
         system: Any = SimpleNamespace(model=SimpleNamespace(field=self.field), energy=self.energy)
         barrier: Any = SimpleNamespace(step=SimpleNamespace(x=SimpleNamespace(array=np.ones(1))))
-        self.values, self.search = values, Search(system, barrier)
+        self.values, self.search = values, LineSearch(system, barrier)
 
     def energy(self) -> float:
         """Return the potential, by straight lines between its values."""

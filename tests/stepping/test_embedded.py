@@ -9,11 +9,11 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Numerics
-from wovenfab.stepping.embedded import rate_error
-from wovenfab.stepping.march import March
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES, end_weights
+from wovenfab.stepping.schemes import SCHEMES, end_weights
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_error import rate_error
+from wovenfab.stepping.time_stepper import TimeStepper
 
 
 @pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.05, 0.2, 0.1)])
@@ -31,7 +31,7 @@ def marched(program: Program, tolerance: float | None) -> list[Step]:
     names = (*scenes.COUPLED, "slip_friction")
     model = scenes.model(scenes.sheet(0.6), names, scenes.PROTOTYPE_TWO_STEPS)
     constraints, equilibrium = scenes.solver(model)
-    march = March(
+    march = TimeStepper(
         model,
         constraints,
         equilibrium,
@@ -91,7 +91,9 @@ def test_without_rates_steps_are_as_planned() -> None:
     model = scenes.model(scenes.sheet(0.6), scenes.BONDED, Numerics(2, quadrature=4, penalty=10.0))
     constraints, equilibrium = scenes.solver(model)
     program = program_of([ramp(0.0, 0.01, 1.0, 3)])
-    march = March(model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6)
+    march = TimeStepper(
+        model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6
+    )
     assert not march.measures_errors
     assert [s.time for s in march.steps()] == [m.time for m in program.milestones]
     equilibrium.destroy()

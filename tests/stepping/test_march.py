@@ -11,14 +11,13 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Model
-from wovenfab.solver import system as solver_module
-from wovenfab.solver.controls import Controls, Outcome
-from wovenfab.solver.equilibrium import Equilibrium
-from wovenfab.stepping.failure import StepFailedError
-from wovenfab.stepping.march import March
+from wovenfab.solver import problem as solver_module
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolveResult, SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.stepping.time_stepper import TimeStepper
 
 SHORT = 0.6  # 1:2, locks at 0.124 m
 
@@ -28,16 +27,16 @@ def bonded(length: float = 0.9) -> Model:
 
 
 def march(
-    model: Model, program: Program, controls: Controls, smallest_step: float = 1 / 64
-) -> tuple[March, Equilibrium]:
+    model: Model, program: Program, controls: SolverOptions, smallest_step: float = 1 / 64
+) -> tuple[TimeStepper, EquilibriumSolver]:
     model.field.x.array[:] = 0
     constraints, equilibrium = scenes.solver(model, controls=controls)
     scheme = SCHEMES["backward-euler"]
-    return March(model, constraints, equilibrium, program, scheme, smallest_step), equilibrium
+    return TimeStepper(model, constraints, equilibrium, program, scheme, smallest_step), equilibrium
 
 
 def run(
-    model: Model, program: Program, controls: Controls, smallest_step: float = 1 / 64
+    model: Model, program: Program, controls: SolverOptions, smallest_step: float = 1 / 64
 ) -> tuple[list[Step], list[np.ndarray], StepFailedError | None]:
     """Return the accepted steps, the field at each, and the failure."""
     marching, equilibrium = march(model, program, controls, smallest_step)
@@ -64,7 +63,7 @@ def pull(displacement: float, steps: int) -> Program:
 def test_a_step_that_was_cut_ends_where_small_steps_end(
     length: float, displacement: float, iterations: int
 ) -> None:
-    model, few = bonded(length), Controls(max_iterations=iterations)
+    model, few = bonded(length), SolverOptions(max_iterations=iterations)
     cut, fields, failure = run(model, pull(displacement, 1), few)
     assert failure is None
     assert sum(s.cutbacks for s in cut) > 0
@@ -73,7 +72,7 @@ def test_a_step_that_was_cut_ends_where_small_steps_end(
     same = [
         ramp(a.displacement, b.displacement, b.time - a.time, 1) for a, b in itertools.pairwise(cut)
     ]
-    small, gentle, _ = run(model, program_of(same), Controls())
+    small, gentle, _ = run(model, program_of(same), SolverOptions())
     assert not any(s.cutbacks for s in small)
     assert cut[-1].displacement == small[-1].displacement == displacement
     assert fields[-1] == pytest.approx(gentle[-1], abs=1e-8 * displacement)
@@ -92,15 +91,15 @@ def test_cut_backs_change_the_dissipated_energy_only_within_the_time_accuracy(
     model = scenes.model(scenes.sheet(mesh_size=0.3), names, numerics)
     program = program_of(cycle(0.0, 0.04, 1.0, 40))
     smooth = scenes.march(model, program, "bdf2")
-    refuse, whole = count(), Equilibrium.solve
+    refuse, whole = count(), EquilibriumSolver.solve
 
-    def solve(self: Equilibrium) -> object:
+    def solve(self: EquilibriumSolver) -> object:
         """Pretend that every seventh solve did not converge."""
         outcome = whole(self)
         failed = next(refuse) % 7 == 3
-        return Outcome(False, "REFUSED", 1, 1.0) if failed else outcome
+        return SolveResult(False, "REFUSED", 1, 1.0) if failed else outcome
 
-    monkeypatch.setattr(Equilibrium, "solve", solve)
+    monkeypatch.setattr(EquilibriumSolver, "solve", solve)
     rough = scenes.march(model, program, "bdf2")
     assert sum(s.cutbacks for s in rough) >= 5
     assert [s.milestone for s in rough if s.milestone] == [s.milestone for s in smooth]
@@ -115,9 +114,9 @@ def test_cut_backs_change_the_dissipated_energy_only_within_the_time_accuracy(
 def test_after_the_smallest_step_the_last_state_is_restored_bit_for_bit() -> None:
     model = bonded(SHORT)
     program = program_of([ramp(0.0, 0.01, 1.0, 4), ramp(0.01, 5.0, 1.0, 1)])
-    whole, _, failure = run(model, pull(0.01, 4), Controls())
+    whole, _, failure = run(model, pull(0.01, 4), SolverOptions())
     assert failure is None
-    steps, fields, failure = run(model, program, Controls(max_iterations=6), smallest_step=0.3)
+    steps, fields, failure = run(model, program, SolverOptions(max_iterations=6), smallest_step=0.3)
     assert failure is not None
     assert (model.field.x.array == fields[-1]).all()
     assert np.abs(fields[-1]).max() > 0
@@ -131,22 +130,26 @@ def test_after_the_smallest_step_the_last_state_is_restored_bit_for_bit() -> Non
 def test_every_rejected_attempt_is_counted_those_before_a_failure_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    solves, whole = count(), Equilibrium.solve
+    solves, whole = count(), EquilibriumSolver.solve
 
-    def solve(self: Equilibrium) -> object:
+    def solve(self: EquilibriumSolver) -> object:
         next(solves)
         return whole(self)
 
-    monkeypatch.setattr(Equilibrium, "solve", solve)
+    monkeypatch.setattr(EquilibriumSolver, "solve", solve)
     program = program_of([ramp(0.0, 0.01, 1.0, 4), ramp(0.01, 5.0, 1.0, 1)])
-    steps, _, failure = run(bonded(SHORT), program, Controls(max_iterations=6), smallest_step=0.3)
+    steps, _, failure = run(
+        bonded(SHORT), program, SolverOptions(max_iterations=6), smallest_step=0.3
+    )
     assert failure is not None and failure.cutbacks == 2
     accepted, rejected = len(steps) - 1, sum(s.cutbacks for s in steps) + failure.cutbacks
     assert accepted + rejected == next(solves)
 
 
 def test_a_failure_says_when_where_and_why() -> None:
-    steps, _, failure = run(bonded(), pull(0.1, 1), Controls(max_iterations=1), smallest_step=0.2)
+    steps, _, failure = run(
+        bonded(), pull(0.1, 1), SolverOptions(max_iterations=1), smallest_step=0.2
+    )
     assert len(steps) == 1
     assert failure is not None
     assert failure.outcome.reason == "DIVERGED_MAX_IT"
@@ -186,7 +189,7 @@ def test_a_nan_that_stays_ends_as_a_failure_by_name_with_clean_records(
     model = bonded()
     where = slice(None) if everywhere else held_unknowns(model)
     poisoned(monkeypatch, range(12, 10**6), where)
-    steps, fields, failure = run(model, pull(0.04, 8), Controls())
+    steps, fields, failure = run(model, pull(0.04, 8), SolverOptions())
     assert failure is not None and failure.outcome.reason == "DIVERGED_FNORM_NAN"
     assert 1 < len(steps) < 9
     for step, field in zip(steps, fields, strict=True):
@@ -199,9 +202,9 @@ def test_a_nan_that_passes_costs_a_cut_back_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     model = bonded()
-    clean, gentle, _ = run(model, pull(0.04, 8), Controls())
+    clean, gentle, _ = run(model, pull(0.04, 8), SolverOptions())
     poisoned(monkeypatch, range(12, 13), slice(None))
-    steps, fields, failure = run(model, pull(0.04, 8), Controls())
+    steps, fields, failure = run(model, pull(0.04, 8), SolverOptions())
     assert failure is None
     assert sum(s.cutbacks for s in steps) == 1 and len(steps) == len(clean) + 1
     assert fields[-1] == pytest.approx(gentle[-1], abs=1e-10)
@@ -209,7 +212,7 @@ def test_a_nan_that_passes_costs_a_cut_back_and_nothing_else(
 
 def test_a_singular_tangent_ends_as_a_failure_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(solver_module, "assemble_matrix", lambda matrix, *_: matrix.zeroEntries())
-    steps, _, failure = run(bonded(), pull(0.04, 2), Controls(), smallest_step=0.5)
+    steps, _, failure = run(bonded(), pull(0.04, 2), SolverOptions(), smallest_step=0.5)
     assert len(steps) == 1
     assert failure is not None and failure.outcome.reason.startswith("DIVERGED")
 
@@ -218,9 +221,9 @@ def test_without_predictor_a_step_starts_from_the_last_state_and_ends_the_same()
     found = {}
     for predict in (True, False):
         model = bonded()
-        constraints, equilibrium = scenes.solver(model, scenes.PULL, Controls())
+        constraints, equilibrium = scenes.solver(model, scenes.PULL, SolverOptions())
         scheme = SCHEMES["backward-euler"]
-        marching = March(
+        marching = TimeStepper(
             model, constraints, equilibrium, pull(0.04, 8), scheme, 0.5, predict=predict
         )
         *_, last = marching.steps()

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from wovenfab.stepping.pace import CUT, EASY, ENOUGH, GROWTH, Pace
+from wovenfab.stepping.step_size import CUT, EASY, ENOUGH, GROWTH, StepSizeControl
 
 
 def walk(
@@ -20,7 +20,7 @@ def walk(
         iterations: Of a step from a time (s) of a length (s); None if it fails.
         smallest: Share of a planned step below which cutting ends.
     """
-    pace, times, failures = Pace(smallest), [planned[0]], 0
+    pace, times, failures = StepSizeControl(smallest), [planned[0]], 0
     for start, end in pairwise(planned):
         while times[-1] < end:
             until = pace.next(times[-1], end)
@@ -82,7 +82,7 @@ def test_steps_that_stay_hard_grow_too_in_the_end() -> None:
 
 
 def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -> None:
-    pace = Pace(1e-3)
+    pace = StepSizeControl(1e-3)
     assert pace.next(0.0, 1.0) == 1.0
     pace.bisect(1.0, 1.0)
     assert pace.next(0.0, 1.0) == 0.5
@@ -95,7 +95,7 @@ def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -
 
 
 def test_beyond_what_was_found_steps_grow_from_where_they_are() -> None:
-    pace = Pace(1e-3)
+    pace = StepSizeControl(1e-3)
     pace.bisect(0.01, 0.01)
     pace.found(0.01)
     pace.made(0.01, 1)

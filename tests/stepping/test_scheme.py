@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from wovenfab.stepping.scheme import SCHEMES, end_weights
+from wovenfab.stepping.schemes import SCHEMES, end_weights
 
 
 def test_three_point_rates_are_exact_for_quadratics_whatever_the_steps() -> None:

@@ -12,12 +12,12 @@ import pytest
 from tests import scenes
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model
-from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLostError, Treatment
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
 
 FRICTION = (*scenes.COUPLED, "slip_friction")
 #: Far beyond the critical load, which is met at 0.03 mm, and not so far.
@@ -44,9 +44,11 @@ def march(
 ) -> tuple[list[Step], list[np.ndarray], StabilityLostError | None]:
     """Return the steps, the field at each, and the error that ended the march."""
     model.field.x.array[:] = 0
-    controls = Controls(descend=treatment == "follow", seed=seed)
+    controls = SolverOptions(descend=treatment == "follow", seed=seed)
     constraints, equilibrium = scenes.solver(model, grips, controls)
-    marching = March(model, constraints, equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment)
+    marching = TimeStepper(
+        model, constraints, equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment
+    )
     steps, fields, failure = [], [], None
     try:
         for step in marching.steps():

@@ -13,20 +13,18 @@ from mpi4py import MPI
 from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.build import build_model
-from wovenfab.model.constraints import Grip, Held
-from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.constraints import EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.controls import Controls
-from wovenfab.stepping.failure import StartFailedError
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.step import StartFailedError, Step
 
 HOLD = program_of([ramp(0.0, 0.0, 1.0, 4)])
 HELD = (Grip("left", scenes.CLAMP),)
 #: A weight of 60 N along the top edge of the sheet, downwards.
 WEIGHT = EdgeLoad("top", (0, 1), (0.0, -60.0 / 0.9))
-TIGHT = Controls(tolerance=1e-12)
+TIGHT = SolverOptions(tolerance=1e-12)
 
 
 def model_with(
@@ -142,8 +140,10 @@ def pulled_hard() -> Model:
 
 def test_a_start_that_takes_more_than_one_step_ends_in_the_same_state() -> None:
     few, many = pulled_hard(), pulled_hard()
-    cut = scenes.march(few, HOLD, "bdf2", HELD, Controls(max_iterations=5, tolerance=1e-12))
-    whole = scenes.march(many, HOLD, "bdf2", HELD, Controls(max_iterations=99, tolerance=1e-12))
+    cut = scenes.march(few, HOLD, "bdf2", HELD, SolverOptions(max_iterations=5, tolerance=1e-12))
+    whole = scenes.march(
+        many, HOLD, "bdf2", HELD, SolverOptions(max_iterations=99, tolerance=1e-12)
+    )
     assert cut[0].cutbacks > whole[0].cutbacks and cut[1].cutbacks == 0
     assert few.field.x.array == pytest.approx(many.field.x.array, abs=1e-8)
 
@@ -153,7 +153,7 @@ def test_a_start_without_equilibrium_is_told_and_leaves_the_sheet_at_rest() -> N
     with pytest.raises(
         StartFailedError, match=r"at the start, even with steps of 0\.5 of"
     ) as error:
-        scenes.march(model, HOLD, "bdf2", HELD, Controls(max_iterations=1), smallest_step=0.5)
+        scenes.march(model, HOLD, "bdf2", HELD, SolverOptions(max_iterations=1), smallest_step=0.5)
     assert error.value.cutbacks == 2 and error.value.outcome.reason == "DIVERGED_MAX_IT"
     assert not model.field.x.array.any()
     assert float(model.friction.value) == 1.0

@@ -24,10 +24,9 @@ LAYERS = (
     "wovenfab.simulation",
     "wovenfab.study",
     "wovenfab.report",
-    "wovenfab.paper",
-    "wovenfab.commands",
-    "wovenfab.bench",
-    "wovenfab.hard",
+    "wovenfab.cli",
+    "paper",
+    "benchmarks",
 )
 SOURCES = sorted((*(ROOT / "wovenfab").rglob("*.py"), *(ROOT / "forms").rglob("*.py")))
 

@@ -15,13 +15,13 @@ from mpi4py import MPI
 import forms
 from forms.catalogue import effects
 from wovenfab.case import CaseError, effects_page, json_schema, read_case
-from wovenfab.commands.check import describe
+from wovenfab.cli.check import describe
 from wovenfab.record.results import open_results
 from wovenfab.record.stored_fields import read_fields
-from wovenfab.simulation.assemble import sheet_of
+from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Stopwatch
-from wovenfab.simulation.rig import rig_of
 from wovenfab.simulation.run import run
+from wovenfab.simulation.simulation import simulation_of
 
 ROOT = Path(__file__).parents[2]
 CASE = """\
@@ -54,7 +54,7 @@ def results(name: str, text: str, folder: Path) -> Path:
     path = folder / f"{name}.yaml"
     path.write_text(text)
     case = read_case(path)
-    with rig_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
         directory = open_results(folder / name, comm=MPI.COMM_SELF)
         assert run(case, rig, directory, lambda _: None, Stopwatch()).failure is None
     return directory

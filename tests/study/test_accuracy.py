@@ -12,18 +12,17 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from benchmarks.accuracy_page import ROOT, STUDIES, Shown
 from tests import scenes
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
-from wovenfab.bench.accuracy_page import ROOT, STUDIES, Shown
 from wovenfab.case import CaseError, read_case
-from wovenfab.commands.accuracy import study_accuracy
-from wovenfab.study.precision.climb import Runner
-from wovenfab.study.precision.error import Ladder, best_of, order_of, own_error
-from wovenfab.study.precision.keep import KeptRuns
-from wovenfab.study.precision.result import Study
-from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure
-from wovenfab.study.precision.settings import Setting
-from wovenfab.study.precision.study import TARGETS, study
+from wovenfab.cli.accuracy import study_accuracy
+from wovenfab.study.accuracy.climb import Runner
+from wovenfab.study.accuracy.ladder import Ladder, best_of, order_of, own_error
+from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure
+from wovenfab.study.accuracy.runs import KeptRuns
+from wovenfab.study.accuracy.settings import Setting
+from wovenfab.study.accuracy.study import TARGETS, Study, study
 
 #: A strip along its yarns whose stiffness varies: springs in series.
 SPRINGS = """

@@ -8,17 +8,15 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from wovenfab.bench.accuracy_page import ROOT, STUDIES
+from benchmarks.accuracy_page import ROOT, STUDIES
 from wovenfab.case import Case, read_case
-from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.study.precision.both import Pair, Together
-from wovenfab.study.precision.climb import Rung
-from wovenfab.study.precision.error import Best, Ladder, best_of
-from wovenfab.study.precision.forecast import Forecast, forecast
-from wovenfab.study.precision.result import Run, Study
-from wovenfab.study.precision.run import DISSIPATED, PEAK_FORCE, Measured
-from wovenfab.study.precision.settings import Setting
-from wovenfab.study.precision.study import TARGETS, study
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.study.accuracy.climb import Forecast, Rung, forecast
+from wovenfab.study.accuracy.ladder import Best, Ladder, best_of
+from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, Measured
+from wovenfab.study.accuracy.pairs import Pair, Together
+from wovenfab.study.accuracy.settings import Setting
+from wovenfab.study.accuracy.study import TARGETS, Run, Study, study
 
 EXACT = {PEAK_FORCE: 344.0, DISSIPATED: 3.16}
 SLIP = next(shown for shown in STUDIES if shown.name == "slip")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from tests.study.test_estimate import case_of
-from wovenfab.simulation.assemble import sheet_of
-from wovenfab.study.cost import measure
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.study.effects import measure
 
 
 def test_tangents_and_factors_are_parts_of_a_step_though_iterations_share_them() -> None:

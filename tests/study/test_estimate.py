@@ -10,24 +10,25 @@ from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.assemble import model_of, sheet_of
-from wovenfab.simulation.raised import raised
-from wovenfab.simulation.trace import brief, discretised, paced, steps_in, trace_of
-from wovenfab.study.extrapolate import error_of_degrees, error_of_steps
-from wovenfab.study.wanted.error_map import shares
-from wovenfab.study.wanted.estimate import (
+from wovenfab.simulation.from_case import model_of, sheet_of
+from wovenfab.simulation.prolongation import prolongated
+from wovenfab.simulation.response import brief, discretised, paced, response_of, steps_in
+from wovenfab.study.target_accuracy.cost_model import Limits
+from wovenfab.study.target_accuracy.error_map import shares
+from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
     PEAK,
     Estimate,
     Ladder,
     Pair,
+    error_of_degrees,
+    error_of_steps,
     rung,
     worst,
 )
-from wovenfab.study.wanted.outlook import Limits
-from wovenfab.study.wanted.pilot import pilot
-from wovenfab.study.wanted.steps import steps_for
+from wovenfab.study.target_accuracy.plan import plan
+from wovenfab.study.target_accuracy.time_steps import steps_for
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 #: Between these an estimate over the true error is useful.
@@ -48,7 +49,7 @@ def estimated(case: Case, share: float = FEW) -> Estimate:
     ladder = Ladder(degrees, tuple(rung(brief(case, 1e-3), on, p, share) for p in degrees))
     if not case.needs.rate:
         return Estimate(ladder, degree)
-    pair = Pair(trace_of(paced(case, 0.5), on), trace_of(case, on), order=2)
+    pair = Pair(response_of(paced(case, 0.5), on), response_of(case, on), order=2)
     return Estimate(ladder, degree, pair.errors())
 
 
@@ -84,7 +85,7 @@ def test_the_error_of_an_elastic_force_is_estimated(
     program = f"program={{type: ramp, to: {to} mm, steps: 8}}"
     case = case_of(name, program, elements(degree, mesh_size))
     found = estimated(case)
-    force = trace_of(case, sheet(case)).figures[PEAK]
+    force = response_of(case, sheet(case)).figures[PEAK]
     effectivity = found.relative[PEAK] * force / (force - limit)
     print(f"{name} P{degree} {mesh_size} m: {force:.3f} N, effectivity {effectivity:.2f}")
     assert LEAST < effectivity < MOST
@@ -114,9 +115,9 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
     steps = 32
     case, finer = of(3, 0.15, steps), of(4, 0.1, steps)
     found = estimated(case, FEW * USUAL / steps)
-    low, high = (trace_of(c, sheet(c)).figures for c in (case, finer))
+    low, high = (response_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
-    few, many = (trace_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
+    few, many = (response_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
     limits = {PEAK: many.crest, DISSIPATED: many.figures[DISSIPATED]}
     for figure, error in found.relative.items():
         space = 1 - high[figure] / low[figure]
@@ -134,7 +135,9 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
 def test_the_map_is_that_of_the_true_error(name: str) -> None:
     case = case_of(name, "program={type: ramp, to: 40 mm, steps: 2}", elements(2, 0.15))
     on = sheet(case)
-    low, next_one, far_better = (trace_of(discretised(case, degree=p), on).model for p in (2, 3, 5))
+    low, next_one, far_better = (
+        response_of(discretised(case, degree=p), on).model for p in (2, 3, 5)
+    )
     told, true = shares(low, next_one), shares(low, far_better)
     assert told.sum() == pytest.approx(1)
 
@@ -158,7 +161,7 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
     for model in (low, high):
         values = model.field.x.array.reshape(-1, 2)
         values[:] = cubic(model.placements.positions.T).T
-    assert raised(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
+    assert prolongated(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
 
 
 def test_the_pilot_reaches_what_it_says() -> None:
@@ -168,10 +171,10 @@ def test_the_pilot_reaches_what_it_says() -> None:
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    found = pilot(case, sheet, lambda text: None)
+    found = plan(case, sheet, lambda text: None)
     assert found.estimate is not None
     assert not found.shortfall
-    force = trace_of(found.case, found.sheet).figures["peak_force_N"]
+    force = response_of(found.case, found.sheet).figures["peak_force_N"]
     print(f"{found.case.discretisation}, {force:.3f} N, said {found.estimate.worst:.2%}")
     assert abs(force / 122.110 - 1) < 0.01
     assert found.estimate.worst <= 0.01
@@ -189,7 +192,7 @@ def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    found = pilot(case, sheet, lambda text: None, limits)
+    found = plan(case, sheet, lambda text: None, limits)
     assert reason in found.shortfall
     assert found.estimate is not None
     assert found.estimate.worst > 1e-5
@@ -207,11 +210,11 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(
     name: str, force: float, dissipated: float
 ) -> None:
     case = case_of(name, "accuracy=1 %", "discretisation=null", "time=null", CYCLE)
-    found = pilot(case, sheet, lambda text: None)
+    found = plan(case, sheet, lambda text: None)
     assert not found.shortfall
     assert found.estimate is not None
     assert found.estimate.worst < 0.01
-    trace = trace_of(found.case, found.sheet)
+    trace = response_of(found.case, found.sheet)
     for figure, limit in ((PEAK, force), (DISSIPATED, dissipated)):
         error, said = abs(trace.figures[figure] / limit - 1), found.estimate.relative[figure]
         print(f"{name} {figure}, {trace.steps} steps: said {said:.2%}, true {error:.2%}")
@@ -231,7 +234,7 @@ def test_steps_that_begin_near_a_lower_degree_take_fewer_tangents(factor: str) -
     assert near.figures == pytest.approx(afresh.figures, rel=1e-5)
     assert near.tangents < 0.9 * afresh.tangents
     assert list(near.states) == list(near.times)
-    assert not trace_of(case, on).states
+    assert not response_of(case, on).states
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:

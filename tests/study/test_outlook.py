@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from wovenfab.simulation.size import memory
-from wovenfab.study.wanted.outlook import Limits, Tried, beyond, next_cells, out_of_reach
+from wovenfab.simulation.progress import memory
+from wovenfab.study.target_accuracy.cost_model import (
+    Limits,
+    Tried,
+    beyond,
+    next_cells,
+    out_of_reach,
+)
 
 
 def tried(cells: int, order: float = 3.0, seconds: float = 1.0) -> Tried:

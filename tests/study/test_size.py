@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from wovenfab.simulation.size import peak_memory
+from wovenfab.simulation.progress import peak_memory
 
 
 def test_peak_memory_counts_what_was_freed_again_but_not_the_parents() -> None:
@@ -16,7 +16,7 @@ def test_peak_memory_counts_what_was_freed_again_but_not_the_parents() -> None:
     here = peak_memory()
     del block
     assert peak_memory() >= here > before + 290_000_000
-    code = "from wovenfab.simulation.size import peak_memory; print(peak_memory())"
+    code = "from wovenfab.simulation.progress import peak_memory; print(peak_memory())"
     child = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     print(f"{here / 1e6:.0f} MB here, {float(child.stdout) / 1e6:.0f} MB in a new process")
     assert float(child.stdout) < here - 250_000_000

@@ -10,7 +10,7 @@ import pytest
 
 from tests.structure.test_layers import LAYERS
 from wovenfab.case import read_case
-from wovenfab.study.fingerprint import COMPUTING, code, fingerprint
+from wovenfab.study.runner import COMPUTING, code, fingerprint
 
 ROOT = Path(__file__).parents[2]
 BIAS = ROOT / "configs" / "bias-1x3.yaml"
@@ -63,11 +63,11 @@ def test_code_counts_and_comments_do_not(change: str, matters: bool, tmp_path: P
             copy = tmp_path / source.relative_to(ROOT)
             copy.parent.mkdir(parents=True, exist_ok=True)
             copy.write_text(source.read_text())
-    for name in ("wovenfab/solver/admissible.py", "wovenfab/report/style.py"):
+    for name in ("wovenfab/solver/globalisation.py", "wovenfab/report/style.py"):
         source = tmp_path / name
         source.write_text(source.read_text() + (change if "solver" in name else "AND = 2\n"))
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
-    script = "from wovenfab.study.fingerprint import code; print(code())"
+    script = "from wovenfab.study.runner import code; print(code())"
     told = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin"},

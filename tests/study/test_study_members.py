@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import CaseError, Rectangle
-from wovenfab.simulation.assemble import program_of_case
+from wovenfab.simulation.from_case import program_of_case
 from wovenfab.study.members import Member, members_of
-from wovenfab.study.sweep_file import is_sweep_file, read_sweep_file
-from wovenfab.study.variation import grid, read_over
+from wovenfab.study.variations import grid, is_sweep_file, read_over, read_sweep_file
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 BIAS = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"

@@ -15,12 +15,12 @@ from scipy.special import ellipe, ellipk
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import program_of, ramp
-from wovenfab.stepping.scheme import SCHEMES
-from wovenfab.stepping.stability import Loss, StabilityLostError, Treatment
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.stability import StabilityLoss, StabilityLostError, Treatment
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
 
 #: Length 1 and K_b = 1.
 WIDTH = 0.0625
@@ -41,13 +41,13 @@ def strip(cells: int, degree: int, shear: float, held: tuple[str, ...]) -> Model
 
 def pushed(
     model: Model, shortening: float, steps: int, treatment: Treatment, smallest: float
-) -> tuple[list[Step], Loss | None]:
+) -> tuple[list[Step], StabilityLoss | None]:
     """Return the steps to a shortening (m), and the loss of stability that stopped them."""
-    controls = Controls(descend=treatment == "follow")
+    controls = SolverOptions(descend=treatment == "follow")
     constraints, equilibrium = scenes.solver(model, scenes.PUSH, controls)
     program = program_of([ramp(0.0, shortening, 1.0, steps)])
     scheme = SCHEMES["backward-euler"]
-    march = March(model, constraints, equilibrium, program, scheme, smallest, treatment)
+    march = TimeStepper(model, constraints, equilibrium, program, scheme, smallest, treatment)
     found, loss = [], None
     try:
         for step in march.steps():

@@ -17,8 +17,7 @@ from scipy.integrate import quad, solve_ivp
 from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.build import build_model
-from wovenfab.model.constraints import Grip, Held
-from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.constraints import EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import cycle, program_of, ramp

@@ -15,8 +15,7 @@ from forms.catalogue import effects
 from tests import scenes
 from tests.verification.test_closed_forms import ALONG, K_C, SECOND_AT_REST, ZETA, whole
 from wovenfab.model.build import build_model
-from wovenfab.model.constraints import Grip, Held
-from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.constraints import EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.step import Step

@@ -15,9 +15,9 @@ from scipy.special import ellipe, ellipeinc, ellipk, ellipkinc
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Numerics
-from wovenfab.stepping.march import March
 from wovenfab.stepping.program import program_of, table
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.time_stepper import TimeStepper
 
 LOADS = (1.0, 2.0, 5.0, 10.0)
 WIDTH = 0.0625
@@ -51,7 +51,7 @@ def errors(cells: int) -> np.ndarray:
     constraints, equilibrium = scenes.solver(model, GRIPS)
     tip = 2 * model.placements.on_facets(on.edge_facets("right"), 0)
     found = []
-    march = March(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 1 / 64)
+    march = TimeStepper(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 1 / 64)
     for step in march.steps():
         if step.milestone is not None and step.number:
             load, shortening = LOADS[len(found)], elastica(LOADS[len(found)])[0]

@@ -11,7 +11,7 @@ from dolfinx import fem
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model
-from wovenfab.solver.controls import Controls
+from wovenfab.solver.options import SolverOptions
 
 LENGTH, WIDTH = 0.9, 0.3
 ALONG = (0.0, pi / 2)
@@ -23,7 +23,7 @@ VALUES = {
 #: Left and bottom edges are planes of symmetry; the others move along their normals.
 SLIDING = (Grip("left", (Held(), None)), Grip("bottom", (None, Held())))
 #: The forces are small differences of those that the yarns' stretch would need.
-TIGHT = Controls(tolerance=1e-12)
+TIGHT = SolverOptions(tolerance=1e-12)
 
 
 def sheet_model(fibres: tuple[float, float]) -> Model:

@@ -12,7 +12,7 @@ from tests import scenes
 from tests.outlines import HOLDS, SHAPES, tee, with_hole
 from tests.samples import SAMPLES
 from wovenfab.model.model import Numerics
-from wovenfab.model.placements import placements_on
+from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.outline import Outline
 from wovenfab.sheet.sheet import Sheet, directions

@@ -7,11 +7,11 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.controls import Controls
-from wovenfab.stepping.march import March
+from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import cycle, program_of
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
 
 PULL_RIGHT = 0.04
 
@@ -22,9 +22,9 @@ def with_values(**changed: dict) -> dict:
 
 def march(model: Model, steps: int = 8, period: float = 0.25) -> list[Step]:
     """Return the steps of one 20 mm cycle."""
-    constraints, equilibrium = scenes.solver(model, controls=Controls(tolerance=1e-12))
+    constraints, equilibrium = scenes.solver(model, controls=SolverOptions(tolerance=1e-12))
     program = program_of(cycle(0.0, 0.02, period, steps))
-    found = March(model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64).steps()
+    found = TimeStepper(model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64).steps()
     result = list(found)
     equilibrium.destroy()
     return result

@@ -11,11 +11,10 @@ import ufl
 from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.build import build_model
-from wovenfab.model.constraints import Constraints, Grip, Held
-from wovenfab.model.loads import EdgeLoad
+from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.controls import Controls
-from wovenfab.solver.equilibrium import Equilibrium
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolverOptions
 
 STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
 STRETCHED = {"stretch": {"stiffness": (STIFFNESS, STIFFNESS)}, "shear": {"stiffness": 400.0}}
@@ -31,7 +30,7 @@ def strip(values: dict, loads: tuple[EdgeLoad, ...] = ()) -> Model:
 def solve(model: Model, grips: tuple[Grip, ...], program: float) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) of one step from rest."""
     constraints = Constraints(model.placements, model.sheet, grips)
-    equilibrium = Equilibrium(model, constraints, Controls(tolerance=1e-12))
+    equilibrium = EquilibriumSolver(model, constraints, SolverOptions(tolerance=1e-12))
     constraints.set(program)
     assert equilibrium.solve().converged
     reactions = constraints.reactions(equilibrium.force)

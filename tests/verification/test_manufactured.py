@@ -17,8 +17,15 @@ from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import exterior_facet_indices
 from petsc4py import PETSc
 
-from forms.kinematics import along, curvature_vector, label, stretch, twice_along
-from forms.places import displacements, point_of
+from forms.kinematics import (
+    along,
+    curvature_vector,
+    displacements,
+    label,
+    point_of,
+    stretch,
+    twice_along,
+)
 from tests import scenes
 from wovenfab.model.compiler import compile_form
 from wovenfab.model.model import Model, Numerics

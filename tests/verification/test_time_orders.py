@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from tests import scenes
 from wovenfab.model.model import Numerics
 from wovenfab.stepping.program import cycle, program_of
-from wovenfab.stepping.scheme import SCHEMES
+from wovenfab.stepping.schemes import SCHEMES
 
 COUNTS = (20, 40, 80, 160)
 AMPLITUDE = 0.04

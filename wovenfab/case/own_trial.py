@@ -9,10 +9,9 @@ from typing import Any
 import ufl
 
 from forms.balance import Balance, Rate
-from forms.carried import Carried, size_of
-from forms.effect import Effect
-from forms.places import point_of
-from forms.term import Term
+from forms.effect import Effect, Term
+from forms.kinematics import point_of
+from forms.point_friction import PointFriction, components_of
 
 from .problems import in_brief, refusal
 from .scene import Scene
@@ -75,10 +74,10 @@ def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
     """Form what a friction with carried stress consists of."""
     import basix.ufl
 
-    size, degree = size_of(term, balance), DEGREE
+    size, degree = components_of(term, balance), DEGREE
     element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
     space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
-    carried = Carried(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
+    carried = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
     _require_scalar("the strength of a bound", carried.strength())
     carried.jacobian(trial, test)
     carried.residual(test)

@@ -11,15 +11,14 @@ import ufl
 from dolfinx import fem
 
 from forms.balance import Balance, Rate
-from forms.carried import Carried
-from forms.effect import Effect
-from forms.term import Term
-from wovenfab.model.carrying import carried_by, carried_sums
+from forms.effect import Effect, Term
+from forms.point_friction import PointFriction
+from wovenfab.model.assembly import crossed_facets
 from wovenfab.model.compiler import compile_sums
-from wovenfab.model.facets import crossed_facets
-from wovenfab.model.loads import EdgeLoad, loading_of
+from wovenfab.model.constraints import EdgeLoad, dead_loads_on
 from wovenfab.model.model import LOAD, Model, Numerics, Value
-from wovenfab.model.placements import Placements, placements_on
+from wovenfab.model.point_stress import point_friction_forms, point_friction_of
+from wovenfab.model.spaces import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
 
@@ -53,7 +52,7 @@ def build_model(
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
     on_edges = partial(_measure, mesh, sheet)
     load_weight, friction, whole = (_constant(mesh, 1.0) for _ in range(3))
-    loading = loading_of(space, loads, lambda edge: on_edges([edge]))
+    loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
@@ -69,7 +68,9 @@ def build_model(
         whole=whole,
     )
     degree = numerics.friction or max(numerics.degree - 1, 1)
-    carried = tuple(carried_by(t, balance, mesh, degree) for t in terms if t.effect.set_valued)
+    carried = tuple(
+        point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
+    )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, carried)
     return Model(
         sheet=sheet,
@@ -91,7 +92,7 @@ def build_model(
 
 
 def _sums_of(
-    balance: Balance, placements: Placements, last: Any, carried: Sequence[Carried]
+    balance: Balance, placements: Placements, last: Any, carried: Sequence[PointFriction]
 ) -> dict[str, list[Any]]:
     """Return the forms by the names of a model's attributes: inside the sheet, on its lines.
 
@@ -111,7 +112,7 @@ def _sums_of(
             sums["jacobian"].append(sum(line.jacobian(trial, test) for line in lines))
             sums["residual"].append(sum(line.residual(test) for line in lines))
             sums["potential"].append(sum(line.potential() for line in lines))
-    more = carried_sums(carried, placements.space)
+    more = point_friction_forms(carried, placements.space)
     return {name: [*sums.get(name, ()), *more.get(name, ())] for name in {**sums, **more}}
 
 

@@ -14,8 +14,7 @@ import ufl
 from dolfinx import fem
 from numpy.typing import NDArray
 
-from forms.kinematics import curvature_vector, norm, shear_angle, stretch
-from forms.places import displacements, point_of
+from forms.kinematics import curvature_vector, displacements, norm, point_of, shear_angle, stretch
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model
 

@@ -11,11 +11,11 @@ from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
 from forms.balance import Balance
-from forms.carried import Carried
 from forms.effect import Effect
+from forms.point_friction import PointFriction
 from wovenfab.model.assembly import Sum, assemble_scalar
-from wovenfab.model.loads import Loading
-from wovenfab.model.placements import Placements
+from wovenfab.model.constraints import DeadLoads
+from wovenfab.model.spaces import Placements
 from wovenfab.sheet.sheet import Sheet
 
 #: A parameter: a number, or a function of the reference position (UFL in and out).
@@ -83,7 +83,7 @@ class Model:
     rate_weights: tuple[fem.Constant, ...]
     friction: fem.Constant
     whole: fem.Constant
-    loading: Loading
+    loading: DeadLoads
     balance: Balance
     residual: Sum
     jacobian: Sum
@@ -92,7 +92,7 @@ class Model:
     push: Sum
     loss: Sum
     weights: Mapping[str, fem.Constant]
-    carried: tuple[Carried, ...]
+    carried: tuple[PointFriction, ...]
 
     @property
     def comm(self) -> MPI.Comm:

@@ -1,8 +1,16 @@
-"""Fields over time, from all ranks into one pair of files."""
+"""The lattice of points on which fields are written, finer than the cells by the degree.
+
+Blocks of rows, one a cell, gathered from all ranks in an order that is not the ranks'.
+
+Fields over time, from all ranks into one pair of files.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,10 +19,113 @@ from numpy.typing import NDArray
 
 from wovenfab.parallel import agree, on_root
 from wovenfab.record import field_file
-from wovenfab.record.blocks import Blocks
 
 if TYPE_CHECKING:
     from mpi4py import MPI
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Equidistant points of the reference triangle (0,0), (1,0), (0,1) and their triangles.
+
+    Each cell has points of its own, so that a field may jump between cells.
+
+    Attributes:
+        degree: Number of intervals on a side, the degree of the fields.
+    """
+
+    degree: int
+
+    def __post_init__(self) -> None:
+        """Refuse a lattice without intervals."""
+        if self.degree < 1:
+            raise ValueError(f"a lattice needs a degree of at least 1, not {self.degree}")
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Reference points, shape ((p+1)(p+2)/2, 2), row by row from the x axis."""
+        p = self.degree
+        return np.array([[i, j] for j in range(p + 1) for i in range(p + 1 - j)]) / p
+
+    @cached_property
+    def triangles(self) -> NDArray[np.int64]:
+        """Points of each sub-triangle, shape (p², 3), all with the sense of the reference."""
+        p = self.degree
+        number = {
+            ij: n for n, ij in enumerate((i, j) for j in range(p + 1) for i in range(p + 1 - j))
+        }
+        found = []
+        for j in range(p):
+            for i in range(p - j):
+                found.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+                if i + j < p - 1:
+                    found.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+        return np.array(found, dtype=np.int64)
+
+    def connectivity(self, cells: int) -> NDArray[np.int64]:
+        """Return the triangles of ``cells`` consecutive lattices, shape (cells p², 3)."""
+        first = len(self.points) * np.arange(cells, dtype=np.int64)
+        return (first[:, None, None] + self.triangles[None]).reshape(-1, 3)
+
+
+class Blocks:
+    """Gathers rows to rank 0, sorted by cell, so that files do not depend on the ranks.
+
+    Attributes:
+        total: Number of blocks on all ranks.
+    """
+
+    def __init__(self, comm: MPI.Comm, cells: NDArray[Any]) -> None:
+        """Learn the order; collective.
+
+        Args:
+            comm: The ranks that hold the blocks.
+            cells: Number of each local block's cell in the whole mesh, shape (blocks,).
+
+        Raises:
+            ValueError: Two blocks have the same cell (a ghost, say); on every rank.
+        """
+        self._comm = comm
+        parts = comm.allgather(np.asarray(cells, dtype=np.int64))
+        together = np.concatenate(parts)
+        if len(np.unique(together)) < len(together):
+            raise ValueError("a cell is given twice: hand over owned cells only")
+        self.total = len(together)
+        self._counts = [len(part) for part in parts]
+        self._order = np.argsort(together)
+
+    def gather(self, rows: NDArray[Any]) -> NDArray[Any] | None:
+        """Return all rows on rank 0, ordered by cell, None elsewhere; collective.
+
+        Args:
+            rows: Local rows, shape (rows,) or (rows, columns): the same number for each
+                block, and of one type and number of columns on all ranks.
+
+        Raises:
+            ValueError: The ranks have blocks of different sizes; on every rank.
+        """
+        from mpi4py.util.dtlib import from_numpy_dtype
+
+        count = self._counts[self._comm.rank]
+        widths = set(self._comm.allgather(rows.size // count if count else None)) - {None}
+        if len(widths) > 1:
+            raise ValueError("the ranks hand over blocks of different sizes")
+        width = widths.pop() if widths else 0
+        # counting whole blocks keeps MPI's 32-bit counts from overflowing
+        block = from_numpy_dtype(rows.dtype).Create_contiguous(width).Commit()
+        received = np.empty((self.total if self._comm.rank == 0 else 0, width), rows.dtype)
+        starts = list(accumulate(self._counts, initial=0))[:-1]
+        try:
+            self._comm.Gatherv(
+                [np.ascontiguousarray(rows), count, block],
+                [received, self._counts, starts, block],
+                root=0,
+            )
+        finally:
+            block.Free()
+        if self._comm.rank != 0:
+            return None
+        return received[self._order].reshape(-1, *rows.shape[1:])
 
 
 class FieldSeries:

@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
 from wovenfab.record.cycles import cycles
-from wovenfab.record.provenance import this_process
-from wovenfab.record.results import write_whole
+from wovenfab.record.results import this_process, write_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI

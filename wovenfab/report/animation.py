@@ -16,13 +16,12 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from wovenfab.record.cycles import window
-from wovenfab.record.provenance import Provenance
+from wovenfab.record.results import Provenance
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.extremes import largest
-from wovenfab.report.looks import Scale, colour_bar, scale_of, telling_field
+from wovenfab.report.field_styles import Scale, colour_bar, scale_of, telling_field
+from wovenfab.report.metadata import comment
+from wovenfab.report.run_data import RunData, largest
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
-from wovenfab.report.source import Source
-from wovenfab.report.stamp import comment
 from wovenfab.report.style import INK, MILLIMETRE, QUIET, WIDTH, YARNS, readable, sequence
 
 #: Name of the file.
@@ -33,7 +32,7 @@ DURATION = 5.0
 PIXELS = 900
 
 
-def animate(source: Source, stored: StoredFields, path: Path, origin: Provenance) -> Path:
+def animate(source: RunData, stored: StoredFields, path: Path, origin: Provenance) -> Path:
     """Write the last complete cycle, or the whole run, as a GIF that repeats.
 
     Every frame is a stored time, and stands as long as its share of the cycle.
@@ -64,7 +63,7 @@ def animate(source: Source, stored: StoredFields, path: Path, origin: Provenance
     return path
 
 
-def _span(source: Source, stored: StoredFields) -> tuple[float, float]:
+def _span(source: RunData, stored: StoredFields) -> tuple[float, float]:
     """Return start and end (s) of what is shown."""
     complete = [cycle for cycle in source.cycles if cycle.complete]
     if complete:
@@ -73,7 +72,7 @@ def _span(source: Source, stored: StoredFields) -> tuple[float, float]:
 
 
 def _frames(
-    source: Source, stored: StoredFields, shown: Sequence[int], span: tuple[float, float]
+    source: RunData, stored: StoredFields, shown: Sequence[int], span: tuple[float, float]
 ) -> list[Image.Image]:
     """Return a picture of each stored time, given by its place."""
     name = telling_field(stored, largest(source, stored).index)
@@ -123,7 +122,7 @@ def _draw_sheet(
     draw_yarns(axes, sheet)
 
 
-def _draw_loop(axes: Axes, source: Source, span: tuple[float, float], time: float) -> None:
+def _draw_loop(axes: Axes, source: RunData, span: tuple[float, float], time: float) -> None:
     """Draw all of the loop quietly, this cycle clearly, and where it stands now."""
     unit = readable("N", float(np.abs(source.history["force_N"]).max()))
     history = source.history

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wovenfab.record.cycles import Cycle, window
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import APART, DASHES, INK, MILLIMETRE, QUIET, WIDTH, readable
 
 Values = NDArray[np.float64]
@@ -32,7 +32,7 @@ def parts(history: History, kind: str) -> dict[str, Values]:
     return {name: values for name, values in named.items() if np.any(values)}
 
 
-def program(source: Source) -> Figure:
+def program(source: RunData) -> Figure:
     """Return the figure: displacement of the program and its velocity over time."""
     time, u = source.history["time_s"], source.history["displacement_m"]
     figure = Figure(figsize=(WIDTH, 0.3 * WIDTH))
@@ -48,7 +48,7 @@ def program(source: Source) -> Figure:
     return figure
 
 
-def energies(source: Source) -> Figure:
+def energies(source: RunData) -> Figure:
     """Return the figure: stored and dissipated energy by effect over time."""
     time, strokes = source.history["time_s"], _strokes(source.history)
     figure = Figure(figsize=(WIDTH, 0.38 * WIDTH))
@@ -77,7 +77,7 @@ def energies(source: Source) -> Figure:
     return figure
 
 
-def losses(source: Source) -> Figure:
+def losses(source: RunData) -> Figure:
     """Return the figure: dissipated energy by effect, and imbalance, of each cycle."""
     found = source.cycles
     names = [f"{i}" if c.complete else f"{i}*" for i, c in enumerate(found, 1)]
@@ -107,7 +107,7 @@ def losses(source: Source) -> Figure:
     return figure
 
 
-def solver(source: Source, seconds: Mapping[str, float]) -> Figure:
+def solver(source: RunData, seconds: Mapping[str, float]) -> Figure:
     """Return the figure: Newton iterations and length of each step, wall time by phase.
 
     Args:

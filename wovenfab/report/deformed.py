@@ -9,14 +9,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.extremes import largest
-from wovenfab.report.looks import Scale, colour_bar, scale_of, telling_field
+from wovenfab.report.field_styles import Scale, colour_bar, scale_of, telling_field
+from wovenfab.report.run_data import RunData, largest
 from wovenfab.report.sheet import Sheet, Values, draw_outline, draw_yarns, paint, sheet_at
-from wovenfab.report.source import Source
 from wovenfab.report.style import MILLIMETRE, WIDTH
 
 
-def deformed(source: Source, stored: StoredFields) -> Figure:
+def deformed(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: the sheet at the stored time of largest displacement."""
     when = largest(source, stored)
     sheet, subtitle = sheet_at(source, stored, when.index), f"{when.words}, true to scale"

@@ -7,14 +7,14 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import MILLIMETRE, WIDTH, fill
 
 #: Smallest share in the picture over the largest.
 SHOWN = 1e-3
 
 
-def error(source: Source, stored: StoredFields) -> Figure:
+def error(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: each cell of the sheet at rest by its share of the error.
 
     Args:

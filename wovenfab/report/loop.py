@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wovenfab.record.cycles import Cycle, window
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import INK, MILLIMETRE, QUIET, WIDTH, Unit, readable, sequence
 
 Values = NDArray[np.float64]
 
 
-def loop(source: Source) -> Figure:
+def loop(source: RunData) -> Figure:
     """Return the figure: force against displacement, with the energy lost in each cycle."""
     figure = Figure(figsize=(0.85 * WIDTH, 0.58 * WIDTH))
     axes = figure.add_subplot()
@@ -37,7 +37,7 @@ def loop(source: Source) -> Figure:
     return figure
 
 
-def _draw_cycles(axes: Axes, source: Source, unit: Unit) -> None:
+def _draw_cycles(axes: Axes, source: RunData, unit: Unit) -> None:
     """Draw each cycle, or the whole history in one colour where no cycle is known.
 
     Cycles follow each other closely, so earlier ones lie on top of later, longer ones.
@@ -69,7 +69,7 @@ def _draw_cycles(axes: Axes, source: Source, unit: Unit) -> None:
     )
 
 
-def _rest(source: Source) -> Iterator[Mapping[str, Values]]:
+def _rest(source: RunData) -> Iterator[Mapping[str, Values]]:
     """Yield the parts of the history before, between and after the cycles."""
     time = source.history["time_s"]
     bounds = [time[0], *(t for cycle in source.cycles for t in (cycle.start, cycle.end)), time[-1]]

@@ -10,16 +10,16 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.record.lattice import Lattice
+from wovenfab.record.fields import Lattice
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.deformed import sheet_size
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import MILLIMETRE, QUIET, YARNS
 
 Values = NDArray[np.float64]
 
 
-def mesh(source: Source, stored: StoredFields) -> Figure:
+def mesh(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: every cell, and an arrow along each family."""
     cells = corners(stored.points(), stored.triangles()) * MILLIMETRE.factor
     size = np.ptp(cells.reshape(-1, 2), axis=0)
@@ -60,7 +60,7 @@ def corners(points: Values, triangles: NDArray[np.int64]) -> Values:
     return points.reshape(-1, len(lattice.points), 2)[:, ends]
 
 
-def _draw_fibres(axes: Axes, source: Source, points: Values) -> None:
+def _draw_fibres(axes: Axes, source: RunData, points: Values) -> None:
     if source.fibres is None:
         return
     centre = (points.min(axis=0) + points.max(axis=0)) / 2

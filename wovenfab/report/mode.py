@@ -8,9 +8,9 @@ from matplotlib.figure import Figure
 
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.deformed import drawn
-from wovenfab.report.looks import Scale
+from wovenfab.report.field_styles import Scale
+from wovenfab.report.run_data import RunData
 from wovenfab.report.sheet import Sheet, displacements
-from wovenfab.report.source import Source
 from wovenfab.report.style import MILLIMETRE, fill, readable
 from wovenfab.report.yarns import Triangles
 
@@ -18,7 +18,7 @@ from wovenfab.report.yarns import Triangles
 SHOWN = 0.08
 
 
-def mode(source: Source, stored: StoredFields) -> Figure:
+def mode(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: the sheet displaced along the mode of the first loss of stability.
 
     Args:
@@ -39,7 +39,7 @@ def mode(source: Source, stored: StoredFields) -> Figure:
     return drawn(source.title, subtitle, sheet, size / size.max(), colours)
 
 
-def _subtitle(source: Source, time: float) -> str:
+def _subtitle(source: RunData, time: float) -> str:
     """Return where stability is lost, from the last state before that."""
     row = int(np.searchsorted(source.history["time_s"], time))
     u, force = (float(source.history[name][row]) for name in ("displacement_m", "force_N"))

@@ -10,11 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from wovenfab.record.cycles import Cycle
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import DASHES, MILLIMETRE, QUIET, WIDTH, readable, sequence
 
 #: A run with the name by which readers know it.
-Named = tuple[str, Source]
+Named = tuple[str, RunData]
 
 
 def loops(runs: Sequence[Named]) -> Figure:
@@ -73,13 +73,13 @@ def cycle_figures(runs: Sequence[Named]) -> Figure:
     return figure
 
 
-def _series(source: Source, value: Callable[[Cycle], float | None]) -> list[tuple[float, float]]:
+def _series(source: RunData, value: Callable[[Cycle], float | None]) -> list[tuple[float, float]]:
     """Return reversal (m) and value of each complete cycle that has one."""
     found = [(c.peak_displacement, value(c)) for c in source.cycles if c.complete]
     return [(x, y) for x, y in found if y is not None]
 
 
-def _over(runs: Sequence[Named], *wanted: tuple[str, str, str, Callable[[Source], Any]]) -> Figure:
+def _over(runs: Sequence[Named], *wanted: tuple[str, str, str, Callable[[RunData], Any]]) -> Figure:
     """Return two pairs of axes with a column of each run against time or step."""
     figure = Figure(figsize=(WIDTH, 0.42 * WIDTH))
     for axes, (label, unit, against, values) in zip(figure.subplots(1, 2), wanted, strict=True):

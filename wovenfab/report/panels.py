@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.report.looks import colour_bar, scale_of
+from wovenfab.report.field_styles import colour_bar, scale_of
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint
 from wovenfab.report.style import WIDTH
 

@@ -12,10 +12,10 @@ from wovenfab.report.deformed import deformed
 from wovenfab.report.error import error
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import mode
-from wovenfab.report.source import open_source, origin_of
+from wovenfab.report.run_data import open_run_data, origin_of
 from wovenfab.report.style import house_style, save
 from wovenfab.report.viewer import write_viewer
-from wovenfab.report.yarn_series import write_yarns
+from wovenfab.report.yarns import write_yarns
 
 
 class ReportError(Exception):
@@ -32,7 +32,7 @@ class ReportError(Exception):
 
 
 def _loop(folder: Path) -> list[Path]:
-    figure, origin = loop(open_source(folder)), origin_of(folder)
+    figure, origin = loop(open_run_data(folder)), origin_of(folder)
     return [save(figure, folder / f"loop.{kind}", origin) for kind in ("png", "svg")]
 
 
@@ -40,7 +40,7 @@ def _deformed(folder: Path) -> list[Path]:
     stored = _stored(folder)
     if stored is None:
         return []
-    figure = deformed(open_source(folder), stored)
+    figure = deformed(open_run_data(folder), stored)
     return [save(figure, folder / "deformed.png", origin_of(folder))]
 
 
@@ -50,18 +50,18 @@ def _mode(folder: Path) -> list[Path]:
     stored = read_fields(folder, MODE)
     if not len(stored.times):
         return []
-    figure = mode(open_source(folder), stored)
+    figure = mode(open_run_data(folder), stored)
     return [save(figure, folder / f"{MODE}.png", origin_of(folder))]
 
 
 def _page(folder: Path) -> list[Path]:
-    from wovenfab.report.pages.run_page import write_run_page  # loads the templates' engine
+    from wovenfab.report.pages.run_page import write_run_page
 
     return [write_run_page(folder)]
 
 
 def _yarns(folder: Path) -> list[Path]:
-    source, stored = open_source(folder), _stored(folder)
+    source, stored = open_run_data(folder), _stored(folder)
     if stored is None or source.fibres is None:
         return []
     return [*write_yarns(source, stored), write_viewer(folder)]
@@ -71,7 +71,7 @@ def _animation(folder: Path) -> list[Path]:
     stored = _stored(folder)
     if stored is None:
         raise ValueError("the run wrote no fields")
-    return [animate(open_source(folder), stored, folder / ANIMATION, origin_of(folder))]
+    return [animate(open_run_data(folder), stored, folder / ANIMATION, origin_of(folder))]
 
 
 def _stored(folder: Path) -> StoredFields | None:
@@ -86,7 +86,7 @@ def _error(folder: Path) -> list[Path]:
     stored = read_fields(folder, ERROR)
     if not len(stored.times):
         return []
-    figure = error(open_source(folder), stored)
+    figure = error(open_run_data(folder), stored)
     return [save(figure, folder / f"{ERROR}.png", origin_of(folder))]
 
 

@@ -13,7 +13,7 @@ from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
 from wovenfab.record.stored_fields import StoredFields
-from wovenfab.report.source import Source
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import INK, MILLIMETRE, QUIET, YARNS
 from wovenfab.report.yarns import Polyline, Triangles, material_lines, outline
 
@@ -51,7 +51,7 @@ class Sheet:
         return material_lines(self.mesh, self.fibres[family], own, spacing)
 
 
-def sheet_at(source: Source, stored: StoredFields, index: int) -> Sheet:
+def sheet_at(source: RunData, stored: StoredFields, index: int) -> Sheet:
     """Return the sheet at a stored time, given by its place in ``stored.times``."""
     families = tuple(stored.field(name, index) for name in displacements(stored))
     return Sheet(Triangles(stored.points(), stored.triangles()), families, source.fibres)

@@ -13,8 +13,8 @@ import numpy as np
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 
-from wovenfab.record.provenance import Provenance, this_process
-from wovenfab.report.stamp import stamp
+from wovenfab.record.results import Provenance, this_process
+from wovenfab.report.metadata import stamp
 
 #: Text width of a two-column page (in).
 WIDTH = 7.0

@@ -22,9 +22,7 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import cell_partitioner
 from wovenfab.parallel import from_root
-from wovenfab.sheet.fibre_lines import FibreLines, special_lines
-from wovenfab.sheet.fibre_mesh import fibre_mesh
-from wovenfab.sheet.fibre_spacing import spaced
+from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
 from wovenfab.sheet.grading import Grading, grading_of, towards
 from wovenfab.sheet.outline import CORNER, Outline, changes
 from wovenfab.sheet.sheet import Sheet

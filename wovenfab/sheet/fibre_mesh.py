@@ -1,4 +1,11 @@
-"""Meshes whose edges run along the fibres, for any polygon.
+"""The fibres across which a placement may jump or has a kink.
+
+Yarns on either side of such a fibre end differently: one at a clamp and the other at a
+free edge, on either side of a corner, above and below a hole that they touch.
+
+Where to cut along the fibres: even between special fibres, without slivers at the edges.
+
+Meshes whose edges run along the fibres, for any polygon.
 
 Nearly inextensible yarns move as threads: their motion depends on the position across
 the fibre alone. Elements can represent that only if edges follow the fibres from one end
@@ -8,7 +15,9 @@ is divided into triangles.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from math import cos, sin
 
 import numpy as np
@@ -16,10 +25,176 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from wovenfab.sheet.fibre_lines import SAME, pieces
-from wovenfab.sheet.outline import Outline
+from wovenfab.sheet.outline import CORNER, Outline, Ring, changes
 
 Array = NDArray[np.float64]
+#: Positions closer than this share of the extent are the same.
+SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class FibreLines:
+    """The special fibres of one family.
+
+    Attributes:
+        offsets: Their positions across the fibres, in rising order, m; the first and the
+            last are the outermost fibres of the sheet.
+        jumps: The parts of them across which the placement may jump: end points,
+            shape (n, 2, 2), m.
+    """
+
+    offsets: Array
+    jumps: Array
+
+
+def across(direction: Array) -> Array:
+    """Return the unit vector across a fibre, shape (2,)."""
+    return np.array([-direction[1], direction[0]])
+
+
+def pieces(outline: Outline, direction: Array, offset: float) -> list[Array]:
+    """Return the parts of one fibre inside the sheet, without those along its edges.
+
+    Args:
+        outline: The sheet.
+        direction: Unit vector along the fibre.
+        offset: Position across the fibre, m.
+
+    Returns:
+        End points of each part, shape (2, 2), m.
+    """
+    reach, least = 4 * outline.extent, SAME * outline.extent
+    origin = offset * across(direction)
+    whole = shapely.LineString([origin - reach * direction, origin + reach * direction])
+    found = shapely.get_parts(outline.polygon.intersection(whole))
+    inside = [p for p in found if p.length > least and not _along(outline, p, least)]
+    return [np.array(p.coords)[[0, -1]] for p in inside]
+
+
+def _along(outline: Outline, piece: shapely.LineString, tolerance: float) -> bool:
+    """Return whether a straight piece runs along an edge; some may touch a corner on the way."""
+    places = piece.interpolate([0.21, 0.5, 0.83], normalized=True)
+    return bool(np.all(shapely.distance(outline.polygon.boundary, places) < tolerance))
+
+
+def special_lines(outline: Outline, direction: Array, holds: Mapping[str, object]) -> FibreLines:
+    """Return the special fibres of a family.
+
+    Args:
+        outline: The sheet.
+        direction: Unit vector along the fibres.
+        holds: How each edge holds the family; edges that are missing leave it free.
+    """
+    tolerance = SAME * outline.extent
+    places = [p for ring in outline.rings for p in ring.points[_special(ring, direction, holds)]]
+    offsets: list[float] = []
+    jumps: dict[tuple[int, ...], Array] = {}
+    for place in places:
+        offset = float(across(direction) @ place)
+        offsets.append(offset)
+        for ends in pieces(outline, direction, offset):
+            if shapely.LineString(ends).distance(shapely.Point(place)) < tolerance:
+                middle = tuple(np.rint(ends.mean(axis=0) / (10 * tolerance)).astype(np.int64))
+                jumps.setdefault(middle, ends)
+    outermost = np.concatenate([ring.points for ring in outline.rings]) @ across(direction)
+    offsets += [outermost.min(), outermost.max()]
+    parts = np.reshape(list(jumps.values()), (-1, 2, 2))
+    return FibreLines(distinct(np.array(offsets), tolerance), parts)
+
+
+def distinct(positions: Array, tolerance: float) -> Array:
+    """Return the positions in rising order, those within the tolerance of one another once."""
+    ordered = np.sort(positions)
+    return np.asarray(ordered[np.concatenate([[True], np.diff(ordered) > tolerance])])
+
+
+def _special(ring: Ring, direction: Array, holds: Mapping[str, object]) -> list[int]:
+    """Return the vertices where the end of the fibres changes abruptly."""
+    corners = np.flatnonzero(np.abs(ring.turns) > CORNER)
+    offsets = ring.points @ across(direction)
+    before, after = offsets - np.roll(offsets, 1), np.roll(offsets, -1) - offsets
+    touching = np.flatnonzero((before * after <= 0) & (ring.turns < 0))
+    return sorted({*corners, *touching, *changes(ring, holds)})
+
+
+#: Share of the spacing by which a line may be moved.
+SHIFT = 0.35
+#: Number of places that are tried on the way.
+TRIALS = 15
+
+
+def evenly(special: Array, size: float) -> Array:
+    """Return positions that include the special ones and are at most ``size`` apart."""
+    parts = [
+        np.linspace(a, b, max(1, int(np.ceil((b - a) / size * (1 - 1e-9)))) + 1)[:-1]
+        for a, b in pairwise(special)
+    ]
+    return np.concatenate([*parts, special[-1:]])
+
+
+def spaced(
+    outline: Outline, fibres: Array, special: tuple[Array, Array], size: float
+) -> tuple[Array, Array]:
+    """Return the positions of the lines of both families, m.
+
+    Lines of the two families that end close to one another on an edge would leave slivers:
+    those between special fibres are moved a little, so that they end at the same point or
+    well apart.
+
+    Args:
+        outline: The sheet.
+        fibres: Unit vectors along the fibres, shape (2, 2).
+        special: For each family, positions that must be among them.
+        size: Largest distance between neighbours before they are moved, m.
+    """
+    lines = [evenly(positions, size) for positions in special]
+    vertices = np.concatenate([ring.points for ring in outline.rings])
+    for family in (1, 0):
+        ends = [_ends(outline, fibres[1 - family], offset) for offset in lines[1 - family]]
+        others = np.concatenate([vertices, *ends])
+        fixed = np.isin(lines[family], special[family])
+        lines[family] = np.array(
+            [
+                offset if stays else _moved(outline, fibres[family], offset, gap, others)
+                for offset, stays, gap in zip(
+                    lines[family], fixed, np.gradient(lines[family]), strict=True
+                )
+            ]
+        )
+    return lines[0], lines[1]
+
+
+def _ends(outline: Outline, direction: Array, offset: float) -> Array:
+    return np.reshape(pieces(outline, direction, offset), (-1, 2))
+
+
+def _moved(outline: Outline, direction: Array, offset: float, gap: float, others: Array) -> float:
+    """Return the best place for a line near its present one.
+
+    Args:
+        outline: The sheet.
+        direction: Unit vector along the line.
+        offset: Its present position across, m.
+        gap: Distance from its neighbours, m.
+        others: Where other lines end, shape (n, 2), m.
+    """
+    shifts = np.linspace(-SHIFT, SHIFT, TRIALS) * gap
+    across = np.array([-direction[1], direction[0]])
+    meeting = others @ across - offset
+    candidates = np.concatenate([[0.0], shifts, meeting[np.abs(meeting) < SHIFT * gap]])
+    tolerance = SAME * outline.extent
+    best, chosen = -np.inf, offset
+    for shift in candidates:
+        ends = _ends(outline, direction, offset + shift)
+        apart = np.linalg.norm(ends[:, None] - others[None], axis=2)
+        apart = np.where(apart < tolerance, np.inf, apart).min(axis=1)
+        room = float(np.minimum(apart, gap).sum() - 0.5 * abs(shift))
+        room += 2 * float(np.minimum(apart.min(initial=gap), gap / 2))
+        if room > best:
+            best, chosen = room, offset + float(shift)
+    return chosen
+
+
 Triangles = NDArray[np.int64]
 #: Direction of the sides that are added where both choices are as good; along no symmetry.
 PREFERRED = (cos(0.3), sin(0.3))

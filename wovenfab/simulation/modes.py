@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.record.field_file import MODE
-from wovenfab.record.fields import FieldSeries
-from wovenfab.record.lattice import Lattice
-from wovenfab.stepping.stability import Loss
+from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.stepping.stability import StabilityLoss
 
 
 class Modes:
@@ -40,7 +39,7 @@ class Modes:
         self._files: tuple[FieldProbe, FieldSeries] | None = None
         self.figures: list[dict[str, float]] = []
 
-    def add(self, loss: Loss) -> None:
+    def add(self, loss: StabilityLoss) -> None:
         """Write a loss; collective. The model's field is left as it is."""
         probe, series = self._files = self._files or self._start()
         data = {}

@@ -15,18 +15,16 @@ from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
 from wovenfab.record.cycle_table import write_cycles
-from wovenfab.record.fields import FieldSeries
+from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, StepRecord, read_history
-from wovenfab.record.lattice import Lattice
 from wovenfab.record.results import write_whole
 from wovenfab.record.summary import summarise, write_summary
 from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
-from wovenfab.simulation.rig import Rig
-from wovenfab.stepping.failure import StepFailedError
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.step import Step, StepFailedError
 
 
 @dataclass(frozen=True)
@@ -43,7 +41,7 @@ class Result:
 
 
 def run(
-    case: Case, rig: Rig, directory: Path, tell: Callable[[Progress], None], watch: Stopwatch
+    case: Case, rig: Simulation, directory: Path, tell: Callable[[Progress], None], watch: Stopwatch
 ) -> Result:
     """Run a mounted case into a directory made by ``open_results``; collective.
 
@@ -112,7 +110,7 @@ def run(
     return Result(failure, summary)
 
 
-def _row(step: Step, rig: Rig, measured: bool) -> StepRecord:
+def _row(step: Step, rig: Simulation, measured: bool) -> StepRecord:
     along, across = rig.force(step.reactions)
     error = rig.force(step.error.forces)[0] if step.error else 0.0
     return StepRecord(

@@ -1,9 +1,13 @@
-"""Why an equilibrium was not found: the worst point, the probable cause and a remedy."""
+"""Whether the penalty holds the bending energy together.
+
+Why an equilibrium was not found: the worst point, the probable cause and a remedy.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import degrees
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -12,10 +16,42 @@ from numpy.typing import NDArray
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
-from wovenfab.solver.coercivity import proven_penalty
-from wovenfab.solver.controls import Outcome
-from wovenfab.solver.equilibrium import Equilibrium
-from wovenfab.solver.pivots import Pivots, pivots_of, softest
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolveResult
+from wovenfab.solver.tangent_spectrum import Pivots, null_vector, pivots_of
+
+
+def proven_penalty(model: Model) -> float:
+    """Return the smallest ``discretisation.penalty`` proven stable on a mesh; collective.
+
+    A user's sigma/h has the mean of |T|/|F| for h; on every facet it must reach the
+    value 3 p(p-1)/8 h_F (1/|T+| + 1/|T-|), and 3 p(p-1)/2 h_F/|T| on an edge that holds
+    yarn directions, of the trace inequality (Bringmann, Carstensen, Streitberger 2023).
+    """
+    mesh, degree = model.sheet.mesh, model.balance.degree
+    mesh.topology.create_connectivity(1, 2)
+    cells_of = mesh.topology.connectivity(1, 2)
+    areas = _areas(mesh)
+    factor = 3 * degree * (degree - 1) / 8
+    edges = factor * 4 if any(model.balance.held_edges) else 0.0
+    ratios = [
+        (areas[a] + areas[b]) ** 2 / (2 * areas[a] * areas[b])
+        for a, b in (
+            cells_of.links(f)
+            for f in range(mesh.topology.index_map(1).size_local)
+            if len(cells_of.links(f)) == 2
+        )
+    ]
+    mine = max(factor * max(ratios, default=0.0), edges)
+    return float(mesh.comm.allreduce(mine, op=MPI.MAX))
+
+
+def _areas(mesh: Any) -> NDArray[np.float64]:
+    """Return the areas (m^2) of this rank's cells, ghosts included."""
+    a, b, c = (mesh.geometry.x[mesh.geometry.dofmap[:, i], :2] for i in range(3))
+    (x, y), (u, v) = (b - a).T, (c - a).T
+    return np.asarray(np.abs(x * v - y * u) / 2)
+
 
 Array = NDArray[np.float64]
 #: Sine of the angle between the families below which a sheet counts as locked (6°).
@@ -23,7 +59,7 @@ LOCKED = 0.1
 
 
 @dataclass(frozen=True)
-class Place:
+class Location:
     """A quadrature point, of a cell or on its edges, in the last equilibrium.
 
     Attributes:
@@ -64,14 +100,16 @@ class Diagnosis:
 
     cause: str
     remedy: str
-    place: Place
+    place: Location
 
     def __str__(self) -> str:
         """Say all of it."""
         return f"Probable cause: {self.cause}. Worst point: {self.place}. Remedy: {self.remedy}"
 
 
-def diagnose(model: Model, equilibrium: Equilibrium, outcome: Outcome, before: Array) -> Diagnosis:
+def diagnose(
+    model: Model, equilibrium: EquilibriumSolver, outcome: SolveResult, before: Array
+) -> Diagnosis:
     """Return what is known of a failed solve; collective.
 
     Args:
@@ -95,7 +133,7 @@ def diagnose(model: Model, equilibrium: Equilibrium, outcome: Outcome, before: A
     if pivots.null:
         start = tangent.createVecRight()
         start.set(1.0)
-        loose = _by_cell(model, np.abs(softest(tangent, start)))
+        loose = _by_cell(model, np.abs(null_vector(tangent, start)))
         start.destroy()
         cause = "the stiffness is singular: something moves there and no effect resists it"
         remedy = "hold more edges, or add an effect that resists, such as shear"
@@ -107,7 +145,7 @@ def diagnose(model: Model, equilibrium: Equilibrium, outcome: Outcome, before: A
     )
 
 
-def unsound_penalty(model: Model, equilibrium: Equilibrium) -> Diagnosis | None:
+def unsound_penalty(model: Model, equilibrium: EquilibriumSolver) -> Diagnosis | None:
     """Return what is wrong with a user's penalty if it makes the sheet unstable at rest.
 
     All energies are convex at rest, so that only the facet terms can make the tangent
@@ -128,7 +166,7 @@ def unsound_penalty(model: Model, equilibrium: Equilibrium) -> Diagnosis | None:
 
 
 def _named(
-    model: Model, equilibrium: Equilibrium, outcome: Outcome, pivots: Pivots, least: float
+    model: Model, equilibrium: EquilibriumSolver, outcome: SolveResult, pivots: Pivots, least: float
 ) -> tuple[str, str]:
     """Return cause and remedy of a failure that leaves numbers and a regular tangent."""
     if outcome.reason == "DIVERGED_LINEAR_SOLVE":
@@ -169,7 +207,7 @@ def _too_small(model: Model, given: float) -> tuple[str, str]:
     )
 
 
-def _not_numbers(model: Model, equilibrium: Equilibrium) -> tuple[str, Array] | None:
+def _not_numbers(model: Model, equilibrium: EquilibriumSolver) -> tuple[str, Array] | None:
     """Return which effects give no number in the present state, and a score of where."""
     points, comm = equilibrium.barrier.points, model.comm
     cells = np.arange(model.sheet.mesh.topology.index_map(2).size_local, dtype=np.int32)
@@ -201,7 +239,7 @@ def _spread(by_cell: Array, like: Array) -> Array:
     return np.broadcast_to(by_cell[:, None], like.shape)
 
 
-def _place(model: Model, equilibrium: Equilibrium, scores: Array) -> Place:
+def _place(model: Model, equilibrium: EquilibriumSolver, scores: Array) -> Location:
     """Return the point with the highest score of all ranks; collective."""
     probe = FieldProbe(
         model, ("shear_angle", "stretch", "relative_displacement"), equilibrium.barrier.points
@@ -216,8 +254,8 @@ def _place(model: Model, equilibrium: Equilibrium, scores: Array) -> Place:
         stretches = (float(values["stretch_1"][at][0]), float(values["stretch_2"][at][0]))
         x, y = positions[at]
         shear = float(values["shear_angle"][at][0])
-        found = Place(float(x), float(y), shear, stretches, slip, float(margins[at]))
+        found = Location(float(x), float(y), shear, stretches, slip, float(margins[at]))
     places = model.comm.allgather((float(best), found))
-    place: Place | None = max(places, key=lambda p: p[0])[1]
+    place: Location | None = max(places, key=lambda p: p[0])[1]
     assert place is not None
     return place

@@ -13,24 +13,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.carried import Carried
-from wovenfab.model.carrying import carrying
+from forms.point_friction import PointFriction
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
-from wovenfab.solver.admissible import Barrier
-from wovenfab.solver.carried import CarriedStress
-from wovenfab.solver.controls import Controls, Outcome
-from wovenfab.solver.factor import Factor, create_direct
-from wovenfab.solver.inertia import Inertia
-from wovenfab.solver.newton import Newton
-from wovenfab.solver.snes import Options, reason_of
-from wovenfab.solver.system import System
+from wovenfab.model.point_stress import with_point_friction
+from wovenfab.solver.globalisation import CrossingLimit
+from wovenfab.solver.linear import LinearSolver, create_direct
+from wovenfab.solver.newton import NewtonSolver, PetscOptions, reason_of
+from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.point_friction import PointStress
+from wovenfab.solver.problem import Problem
+from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 #: Iterations after which friction that can be carried is.
 PATIENCE = 12
 
 
-class Equilibrium:
+class EquilibriumSolver:
     """Solves for the field that balances the forces; objects are made once.
 
     Attributes:
@@ -39,28 +38,28 @@ class Equilibrium:
         factor: Solves Newton's linear systems.
     """
 
-    method: type[Newton] = Newton
+    method: type[NewtonSolver] = NewtonSolver
 
-    def __init__(self, model: Model, constraints: Constraints, controls: Controls) -> None:
+    def __init__(self, model: Model, constraints: Constraints, controls: SolverOptions) -> None:
         """Create matrix, vectors, factorisation and SNES for a model."""
         self._plain = model
         self._constraints = constraints
         self._controls = controls
-        self.barrier = Barrier(model)
-        self._options = Options(controls)
+        self.barrier = CrossingLimit(model)
+        self._options = PetscOptions(controls)
         direct = create_direct(model.comm)
-        self._system = System(model, constraints, upper=direct.getPC().getType() == "cholesky")
-        self.factor = Factor(
+        self._system = Problem(model, constraints, upper=direct.getPC().getType() == "cholesky")
+        self.factor = LinearSolver(
             direct, self._system.matrix, controls.keep_from, sqrt(controls.tolerance)
         )
         self._newton = self.method(self._system, constraints, controls, self.factor, self.barrier)
         # The stress of set-valued friction is always carried, that of others when it must be.
         self._always = self._stresses_of(model) if model.carried else None
         self._system.carried = self._always
-        self._sharp: tuple[Model, CarriedStress] | None = None
+        self._sharp: tuple[Model, PointStress] | None = None
         self._can_carry = any(t.effect.bound for t in model.balance.terms)
 
-    def solve(self) -> Outcome:
+    def solve(self) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
 
         The model's ``last`` field must hold the last equilibrium. On success the
@@ -91,7 +90,7 @@ class Equilibrium:
             self._carried.restore()
 
     @property
-    def inertia(self) -> Inertia:
+    def inertia(self) -> TangentSpectrum:
         """Judges the tangent."""
         return self._newton.inertia
 
@@ -110,7 +109,7 @@ class Equilibrium:
         return self._system.evaluate_force()
 
     @property
-    def carried(self) -> tuple[Carried, ...]:
+    def carried(self) -> tuple[PointFriction, ...]:
         """The frictions whose stress is carried at quadrature points now."""
         return self._model.carried
 
@@ -143,11 +142,11 @@ class Equilibrium:
                 stresses.destroy()
         self._system.destroy()
 
-    def _solve(self, most: int) -> Outcome:
+    def _solve(self, most: int) -> SolveResult:
         """Solve with the present forms and at most so many iterations."""
         newton = self._newton
         reason = newton.solve(most)
-        return Outcome(
+        return SolveResult(
             converged=reason > 0,
             reason=reason_of(newton.snes),
             iterations=newton.snes.getIterationNumber(),
@@ -159,17 +158,17 @@ class Equilibrium:
     def _carry(self) -> None:
         """Go over to forms that carry the stress of all friction that can be carried."""
         if self._sharp is None:
-            model = carrying(self._plain)
+            model = with_point_friction(self._plain)
             self._sharp = model, self._stresses_of(model)
         self._system.model, self._system.carried = self._sharp
 
-    def _stresses_of(self, model: Model) -> CarriedStress:
-        return CarriedStress(model, self.barrier.step, self._constraints.bcs)
+    def _stresses_of(self, model: Model) -> PointStress:
+        return PointStress(model, self.barrier.step, self._constraints.bcs)
 
     @property
     def _model(self) -> Model:
         return self._system.model
 
     @property
-    def _carried(self) -> CarriedStress | None:
+    def _carried(self) -> PointStress | None:
         return self._system.carried

@@ -1,4 +1,6 @@
-"""Newton's method on the incremental potential of a system, by PETSc's SNES.
+"""PETSc's nonlinear solver as it is used here, with the options of a case.
+
+Newton's method on the incremental potential of a system, by PETSc's SNES.
 
 SNES calls back for residual and Jacobian; before it takes a step, the step is cut
 to stay admissible (no crossing of the families) and then, once the prescribed
@@ -14,26 +16,93 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.constraints import Constraints
-from wovenfab.solver.admissible import SHARE, Barrier
-from wovenfab.solver.chord import Chord, distance_over
-from wovenfab.solver.controls import Controls
 from wovenfab.solver.convergence import Convergence, largest_cell
-from wovenfab.solver.factor import Factor
-from wovenfab.solver.inertia import UNSEEN, Inertia, start_vector
-from wovenfab.solver.search import Search
-from wovenfab.solver.snes import create_snes
-from wovenfab.solver.system import System
+from wovenfab.solver.globalisation import CROSSING_SHARE, CrossingLimit, LineSearch
+from wovenfab.solver.linear import LinearSolver, TangentReuse, distance_over
+from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import Problem
+from wovenfab.solver.tangent_spectrum import UNSEEN, TangentSpectrum, start_vector
+
+_REASONS = {
+    value: name
+    for name, value in vars(PETSc.SNES.ConvergedReason).items()
+    if isinstance(value, int) and value != 0
+}
+
+
+class PetscOptions:
+    """PETSc options that stay set while an object lives; PETSc reads some at the first solve.
+
+    Those that are set already, by the command line, keep their values.
+    """
+
+    def __init__(self, controls: SolverOptions) -> None:
+        """Set the options of a solver."""
+        # The line search is ours, in the pre-check; PETSc's own stay reachable.
+        # MUMPS counts negative pivots only where it leaves the last block to itself (13).
+        ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
+        settings = {**ours, **(controls.options or {})}
+        options = PETSc.Options()
+        self._mine = [name for name in settings if name not in options]
+        for name in self._mine:
+            options[name] = settings[name]
+
+    def clear(self) -> None:
+        """Take them back."""
+        for name in self._mine:
+            PETSc.Options().delValue(name)
+
+
+class _Linear:
+    """Newton's linear systems, as PETSc's linear solver of type python."""
+
+    def __init__(self, factor: LinearSolver) -> None:
+        self._factor = factor
+
+    def solve(self, ksp: Any, b: Any, x: Any) -> None:
+        """Solve one."""
+        ksp.setConvergedReason(self._factor.solve(b, x))
+
+    def view(self, ksp: Any, viewer: Any) -> None:
+        """Describe what solves it, as ``-snes_view`` asks."""
+        self._factor.view(viewer)
+
+
+def create_snes(comm: MPI.Comm, controls: SolverOptions, factor: LinearSolver) -> Any:
+    """Return Newton's method, its systems solved by a factor; collective.
+
+    Options must be set before.
+    """
+    snes = PETSc.SNES().create(comm)
+    snes.setType("newtonls")
+    snes.setTolerances(max_it=controls.max_iterations)
+    ksp = snes.getKSP()
+    ksp.setOptionsPrefix("newton_")  # options without a prefix are for the factor's solver
+    snes.setFromOptions()
+    ksp.setType("python")
+    ksp.setPythonContext(_Linear(factor))
+    ksp.getPC().setType("none")
+    return snes
+
+
+def reason_of(snes: Any) -> str:
+    """Return PETSc's name of the reason for which a solve ended."""
+    value: int = snes.getConvergedReason()
+    name: str = _REASONS.get(value, str(value))
+    return name
+
 
 Reason = PETSc.SNES.ConvergedReason
 #: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
 STUCK = 2
 
 
-class Newton:
+class NewtonSolver:
     """Solves a system with its present forms; objects are made once.
 
     Attributes:
@@ -47,11 +116,11 @@ class Newton:
 
     def __init__(
         self,
-        system: System,
+        system: Problem,
         constraints: Constraints,
-        controls: Controls,
-        factor: Factor,
-        barrier: Barrier,
+        controls: SolverOptions,
+        factor: LinearSolver,
+        barrier: CrossingLimit,
     ) -> None:
         """Create vectors and SNES.
 
@@ -67,9 +136,9 @@ class Newton:
         self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
         # The last solution, where the solve began, and where the tangent was formed.
         self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
-        self._chord, self._left = Chord(), np.inf  # share of the forces left by a step
+        self._chord, self._left = TangentReuse(), np.inf  # share of the forces left by a step
         self._convergence = Convergence(controls.tolerance, largest_cell(system.model.sheet.mesh))
-        self._search = Search(system, barrier)
+        self._search = LineSearch(system, barrier)
         self._most = controls.max_iterations
         self.snes = create_snes(system.model.comm, controls, factor)
         self.snes.setFunction(self.evaluate_residual, system.residual)
@@ -78,7 +147,7 @@ class Newton:
         self.snes.setLineSearchPreCheck(self.limit_step)
         self.snes.setConvergenceTest(self.test)
         start = start_vector(system.model.placements, constraints.bcs, controls.seed)
-        self.inertia = Inertia(factor, system.matrix, self.assemble_tangent, start)
+        self.inertia = TangentSpectrum(factor, system.matrix, self.assemble_tangent, start)
 
     def solve(self, most: int) -> int:
         """Solve from the model's present field; return PETSc's reason.
@@ -210,7 +279,7 @@ class Newton:
         step = self.barrier.step.x
         step.array[: y.getLocalSize()] = -y.array_r
         step.scatter_forward()
-        return SHARE * self.barrier.limit() if self.controls.step_limit else 1.0
+        return CROSSING_SHARE * self.barrier.limit() if self.controls.step_limit else 1.0
 
     def _go_down(self, x: Any, y: Any, longest: float) -> float:
         """Return a step length that lowers the potential, of another step if need be."""

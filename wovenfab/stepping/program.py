@@ -12,7 +12,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Segment:
     """A stretch of the program between two reversals or kinks, in equal steps.
 
     Attributes:
@@ -56,7 +56,7 @@ class Program:
     """
 
     milestones: tuple[Milestone, ...]
-    _stretches: tuple[Stretch, ...]
+    _stretches: tuple[Segment, ...]
 
     @cached_property
     def _planned(self) -> dict[float, float]:
@@ -95,7 +95,7 @@ class Program:
         return frozenset(time for (_, before), (time, after) in pairwise(moves) if before != after)
 
 
-def program_of(stretches: Sequence[Stretch]) -> Program:
+def program_of(stretches: Sequence[Segment]) -> Program:
     """Return the program that runs through the stretches one after the other."""
     milestones = [Milestone(0.0, stretches[0].path(0.0), stretches[0].jump)]
     start = 0.0
@@ -115,7 +115,7 @@ def program_of(stretches: Sequence[Stretch]) -> Program:
     return Program(tuple(milestones), tuple(stretches))
 
 
-def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Stretch]:
+def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Segment]:
     """Return one cycle base + A/2 (1 - cos(2 pi t/T)), split at its reversal.
 
     Args:
@@ -130,21 +130,21 @@ def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Stre
 
     half = period / 2
     return [
-        Stretch(half, steps // 2, path(0.0), jump=False, starts_cycle=True),
-        Stretch(half, steps // 2, path(half), jump=False, ends_cycle=True),
+        Segment(half, steps // 2, path(0.0), jump=False, starts_cycle=True),
+        Segment(half, steps // 2, path(half), jump=False, ends_cycle=True),
     ]
 
 
-def ramp(start: float, end: float, duration: float, steps: int) -> Stretch:
+def ramp(start: float, end: float, duration: float, steps: int) -> Segment:
     """Return a ramp at constant velocity (m and s); a hold if both ends are equal."""
 
     def path(t: float) -> float:
         return end if t >= duration else start + (end - start) * (t / duration)
 
-    return Stretch(duration, steps, path, jump=True)
+    return Segment(duration, steps, path, jump=True)
 
 
-def table(start: float, times: Sequence[float], displacements: Sequence[float]) -> list[Stretch]:
+def table(start: float, times: Sequence[float], displacements: Sequence[float]) -> list[Segment]:
     """Return one stretch a row of a table, linear in between, beginning at ``start`` (m).
 
     The velocity counts as jumping where it changes by more than half of the larger

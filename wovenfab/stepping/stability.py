@@ -1,4 +1,7 @@
-"""What a march does where an equilibrium is no minimum: stop, follow the branch, or ignore."""
+"""Where stability is lost: the mode, and the way from the saddle to a minimum beside it.
+
+What a march does where an equilibrium is no minimum: stop, follow the branch, or ignore.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,71 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
-from wovenfab.solver.branch import leave_saddle, softest_mode
-from wovenfab.solver.controls import Outcome
-from wovenfab.solver.equilibrium import Equilibrium
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.globalisation import CROSSING_SHARE
+from wovenfab.solver.options import SolveResult
+from wovenfab.solver.tangent_spectrum import bounding_box
+
+#: Largest displacement with which a saddle is left, over the size of the sheet.
+FARTHEST = 0.1
+#: How often it is halved in search of the lowest potential.
+MODE_HALVINGS = 30
+
+
+def softest_mode(model: Model, equilibrium: EquilibriumSolver) -> NDArray[np.float64]:
+    """Return the direction in which the model's present field is softest; collective.
+
+    Returns:
+        Displacement at this rank's unknowns, ghosts included; its largest component is 1 m.
+    """
+    step = equilibrium.barrier.step
+    own = equilibrium.inertia.mode()
+    largest = model.comm.allreduce(float(np.abs(own).max(initial=0.0)), op=MPI.MAX)
+    step.x.array[: len(own)] = own / largest
+    step.x.scatter_forward()
+    return np.array(step.x.array)
+
+
+def leave_saddle(
+    model: Model, equilibrium: EquilibriumSolver, mode: NDArray[np.float64]
+) -> SolveResult:
+    """Move the field along a mode to the lowest potential there, and solve from there.
+
+    Args:
+        model: The model, whose field is a saddle.
+        equilibrium: Its solver, which must go down where the tangent is indefinite.
+        mode: As :func:`softest_mode` returned it.
+    """
+    field, step = model.field, equilibrium.barrier.step
+    step.x.array[:] = mode
+    low, high = bounding_box(model.placements)
+    farthest = min(
+        FARTHEST * float(np.max(high - low)), CROSSING_SHARE * equilibrium.barrier.limit()
+    )
+    saddle = field.x.array.copy()
+    lengths = farthest * 0.5 ** np.arange(MODE_HALVINGS)
+    energies = []
+    for length in lengths:
+        field.x.array[:] = saddle + length * mode
+        energies.append(equilibrium.energy())
+    field.x.array[:] = saddle + lengths[int(np.nanargmin(energies))] * mode
+    return equilibrium.solve()
+
 
 Treatment = Literal["stop", "follow", "ignore"]
 #: A loss is found once the forces on both sides of it agree to this, relative, ...
 SAME_FORCE = 1e-3
 #: ... or the steps have come down to this share of a planned one.
-SHORTEST = 2.0**-30
+SHORTEST_STEP = 2.0**-30
 
 
 @dataclass(frozen=True)
-class Loss:
+class StabilityLoss:
     """Where stability is lost: between a minimum and the saddle next to it.
 
     Attributes:
@@ -61,7 +112,7 @@ class StabilityLostError(Exception):
         cutbacks: Rejected attempts since the last accepted step.
     """
 
-    def __init__(self, loss: Loss, followed: bool, cutbacks: int) -> None:
+    def __init__(self, loss: StabilityLoss, followed: bool, cutbacks: int) -> None:
         """Say where and what can be done."""
         remedy = (
             "no minimum was found beyond; take smaller steps"
@@ -80,19 +131,23 @@ class Stability:
     """
 
     def __init__(
-        self, model: Model, constraints: Constraints, equilibrium: Equilibrium, treatment: Treatment
+        self,
+        model: Model,
+        constraints: Constraints,
+        equilibrium: EquilibriumSolver,
+        treatment: Treatment,
     ) -> None:
         """Watch a model and its solver."""
         self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
         self._treatment = treatment
-        self.loss: Loss | None = None
+        self.loss: StabilityLoss | None = None
 
     @property
     def follows(self) -> bool:
         """Whether the march goes on along the branch."""
         return self._treatment == "follow"
 
-    def refuses(self, outcome: Outcome) -> bool:
+    def refuses(self, outcome: SolveResult) -> bool:
         """Return whether an outcome is a saddle that must not be accepted."""
         return outcome.converged and outcome.negatives > 0 and self._treatment != "ignore"
 
@@ -104,7 +159,7 @@ class Stability:
             share: Length of the step to the saddle over that of the planned one.
             smallest: Share below which steps need not be cut.
         """
-        if self.loss is not None or share <= SHORTEST:
+        if self.loss is not None or share <= SHORTEST_STEP:
             return True
         before, now = (self._resultants(f) for f in (force, self._equilibrium.force))
         change = float(np.abs(now - before).max())
@@ -112,8 +167,8 @@ class Stability:
 
     def leave(
         self, now: tuple[float, float], until: tuple[float, float], force: NDArray[np.float64],
-        outcome: Outcome,
-    ) -> Outcome:  # fmt: skip
+        outcome: SolveResult,
+    ) -> SolveResult:  # fmt: skip
         """Note the loss and go from the saddle to a minimum, if that is wanted.
 
         Args:
@@ -123,7 +178,7 @@ class Stability:
             outcome: That of the saddle.
         """
         if self.loss is None:
-            self.loss = Loss(
+            self.loss = StabilityLoss(
                 *now,
                 step=until[0] - now[0],
                 increment=until[1] - now[1],
@@ -136,7 +191,7 @@ class Stability:
             return leave_saddle(self._model, self._equilibrium, self.loss.mode)
         return outcome
 
-    def passed(self) -> Loss | None:
+    def passed(self) -> StabilityLoss | None:
         """Return the loss that an accepted minimum lies beyond, and forget it."""
         loss, self.loss = self.loss, None
         return loss

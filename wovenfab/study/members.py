@@ -10,7 +10,7 @@ from pathlib import Path
 
 from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case
 from wovenfab.case.problems import refusal
-from wovenfab.study.variation import OVER, Variation
+from wovenfab.study.variations import OVER, Variation
 
 
 @dataclass(frozen=True)

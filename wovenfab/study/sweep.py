@@ -17,8 +17,8 @@ from wovenfab.parallel import child_environment
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINGERPRINT
 from wovenfab.record.summary import SUMMARY
-from wovenfab.study.fingerprint import fingerprint
 from wovenfab.study.members import Member
+from wovenfab.study.runner import fingerprint
 
 State = Literal["waiting", "running", "kept", "finished", "failed"]
 #: Seconds between two looks at the running processes.

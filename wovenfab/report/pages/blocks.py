@@ -1,4 +1,7 @@
-"""What pages are made of: pictures, tables and texts in sections."""
+"""What pages are made of: pictures, tables and texts in sections.
+
+From sections to one HTML file that needs nothing else.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,15 @@ import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from PIL import Image
 
+from wovenfab.record.results import Provenance, write_whole
+from wovenfab.report.metadata import MAKER
 from wovenfab.report.style import house_style
 
 
@@ -116,3 +123,40 @@ def _opening(caption: str) -> Callable[[re.Match[str]], str]:
         return f'<svg role="img" aria-label="{escape(caption)}" {style} {found[1]}'
 
     return tag
+
+
+def write_page(
+    path: Path,
+    title: str,
+    notes: Sequence[str],
+    figures: Sequence[tuple[str, str]],
+    sections: Sequence[Section],
+    origin: Provenance,
+) -> Path:
+    """Write a page; return ``path``.
+
+    Args:
+        path: The HTML file.
+        title: Its title.
+        notes: Sentences below the title: how the run ended, say.
+        figures: The numbers that people want first: name and value.
+        sections: All the rest.
+        origin: What made it.
+    """
+    environment = Environment(
+        loader=PackageLoader("wovenfab.report.pages"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    text = environment.get_template("page.html.j2").render(
+        title=title,
+        notes=notes,
+        figures=figures,
+        sections=sections,
+        origin=origin,
+        maker=MAKER,
+    )
+    write_whole(path, text + "\n")
+    return path

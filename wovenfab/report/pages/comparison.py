@@ -9,17 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from wovenfab.record.provenance import this_process
+from wovenfab.record.results import this_process
 from wovenfab.report import overlays
-from wovenfab.report.extremes import largest
-from wovenfab.report.looks import painted_fields
-from wovenfab.report.pages.blocks import Block, Section, Table, raster, section, vector
-from wovenfab.report.pages.render import write_page
+from wovenfab.report.field_styles import painted_fields
+from wovenfab.report.pages.blocks import Block, Section, Table, raster, section, vector, write_page
 from wovenfab.report.pages.run_page import Run, headline, open_run
 from wovenfab.report.pages.tables import NONE
 from wovenfab.report.panels import Panel, panels
+from wovenfab.report.run_data import case_of, largest
 from wovenfab.report.sheet import sheet_at
-from wovenfab.report.source import case_of
 
 PAGE = "comparison.html"
 

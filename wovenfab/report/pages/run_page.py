@@ -16,17 +16,15 @@ from wovenfab.record.stored_fields import StoredFields, read_fields
 from wovenfab.record.summary import read_summary
 from wovenfab.report import curves
 from wovenfab.report.deformed import deformed
-from wovenfab.report.extremes import extremes
-from wovenfab.report.looks import LOOKS, painted_fields
+from wovenfab.report.field_styles import FIELD_STYLES, painted_fields
 from wovenfab.report.loop import loop
 from wovenfab.report.mesh import mesh
 from wovenfab.report.mode import mode
-from wovenfab.report.pages.blocks import Block, Section, Text, raster, section, vector
-from wovenfab.report.pages.render import write_page
+from wovenfab.report.pages.blocks import Block, Section, Text, raster, section, vector, write_page
 from wovenfab.report.pages.tables import computation_table, cycle_table, grouped
 from wovenfab.report.panels import Panel, panels
+from wovenfab.report.run_data import RunData, key_times, open_run_data, origin_of
 from wovenfab.report.sheet import sheet_at
-from wovenfab.report.source import Source, open_source, origin_of
 from wovenfab.report.style import said
 
 PAGE = "report.html"
@@ -42,7 +40,7 @@ class Run:
         stored: Fields of one time at least, or None.
     """
 
-    source: Source
+    source: RunData
     summary: dict[str, Any]
     stored: StoredFields | None
 
@@ -71,7 +69,7 @@ def open_run(directory: str | Path) -> Run:
     except OSError:  # an HDF5 file that a killed run left open
         stored = None
     usable = stored is not None and len(stored.times) > 0
-    return Run(open_source(directory), summary, stored if usable else None)
+    return Run(open_run_data(directory), summary, stored if usable else None)
 
 
 def write_run_page(directory: str | Path) -> Path:
@@ -169,15 +167,15 @@ def _cycles(run: Run) -> Sequence[Block]:
     return [*table, vector(curves.losses(run.source), "losses", caption)]
 
 
-def _mode(source: Source) -> Sequence[Block]:
+def _mode(source: RunData) -> Sequence[Block]:
     if not (source.directory / f"{MODE}.h5").exists():
         return []
     lost = read_fields(source.directory, MODE)
     return [raster(mode(source, lost), "How it buckles, at a size that shows.")]
 
 
-def _fields(source: Source, stored: StoredFields) -> Sequence[Block]:
-    found = extremes(source, stored)
+def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
+    found = key_times(source, stored)
     rows = [[turn for turn, _ in found], [end for _, end in found]]
     if len(found) == 1:  # side by side, once where it is the same
         rows = [list(dict.fromkeys([rows[0][0], rows[1][0]]))]
@@ -189,12 +187,12 @@ def _fields(source: Source, stored: StoredFields) -> Sequence[Block]:
             [Panel(sheets[e.index], stored.field(name, e.index), e.words) for e in row]
             for row in rows
         ]
-        caption = f"The {LOOKS[name].label}{where}, to one scale."
+        caption = f"The {FIELD_STYLES[name].label}{where}, to one scale."
         blocks.append(raster(panels(name, stored.units[name], grid), caption))
     return blocks
 
 
-def _solver(source: Source, summary: dict[str, Any]) -> Sequence[Block]:
+def _solver(source: RunData, summary: dict[str, Any]) -> Sequence[Block]:
     seconds = summary.get("wall_time_s", {})
     cut_backs = summary.get("cut_backs", 0)
     caption = "Newton iterations and length of each step; where the wall time went."
@@ -203,7 +201,7 @@ def _solver(source: Source, summary: dict[str, Any]) -> Sequence[Block]:
     return [vector(curves.solver(source, seconds), "solver", caption)]
 
 
-def _case(source: Source, summary: dict[str, Any]) -> Sequence[Block]:
+def _case(source: RunData, summary: dict[str, Any]) -> Sequence[Block]:
     path = source.directory / "case.yaml"
     case = [Text(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
     return [*([computation_table(summary)] if summary else []), *case]

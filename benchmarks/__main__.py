@@ -1,0 +1,40 @@
+"""``python -m benchmarks [SECTION ...]`` prints all figures and fails where one is missed."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping, Sequence
+
+from benchmarks.assembly import assembly
+from benchmarks.cold_start import cold_start
+from benchmarks.default import default
+from benchmarks.effects import cost_of_effects
+from benchmarks.figure import Figure, Section
+from benchmarks.growth import growth
+from benchmarks.textbook import textbook
+
+SECTIONS: Mapping[str, Section] = {
+    "cold-start": cold_start,
+    "effects": cost_of_effects,
+    "default": default,
+    "assembly": assembly,
+    "textbook": textbook,
+    "growth": growth,
+}
+
+
+def main(wanted: Sequence[str], sections: Mapping[str, Section] = SECTIONS) -> int:
+    """Measure the wanted sections, or all, and return the exit code."""
+    if unknown := [name for name in wanted if name not in sections]:
+        print(f"there is no section {unknown[0]!r}; there are {', '.join(sections)}")
+        return 2
+    figures: list[Figure] = []
+    for name in wanted or sections:
+        print(f"== {name}", flush=True)
+        figures += sections[name]()
+    print("== figures", *figures, sep="\n")
+    return 0 if all(figure.kept for figure in figures) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

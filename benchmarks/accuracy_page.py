@@ -1,0 +1,108 @@
+"""``python -m benchmarks.accuracy_page`` writes docs/accuracy.md with its pictures.
+
+Everything in the page is printed by ``wovenfab accuracy``; what is done is kept in results/.
+"""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import typer
+
+ROOT = Path(__file__).parents[1]
+RESULTS = Path("results") / "accuracy"
+PICTURES = Path("docs") / "pictures"
+PAGE = Path("docs") / "accuracy.md"
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A study of the page.
+
+    Attributes:
+        name: Of its results directory and in the names of its pictures.
+        title: Its heading.
+        case: The case file.
+        settings: Values that replace those of the file.
+        minutes: Time for its runs.
+    """
+
+    name: str
+    title: str
+    case: str
+    settings: tuple[str, ...]
+    minutes: float
+
+    @property
+    def command(self) -> list[str]:
+        """The command that makes it, after ``env/enter``."""
+        chosen = [word for setting in self.settings for word in ("--set", setting)]
+        target = ["-o", str(RESULTS / self.name)]
+        return [
+            "wovenfab",
+            "accuracy",
+            self.case,
+            *chosen,
+            "--minutes",
+            f"{self.minutes:g}",
+            *target,
+        ]
+
+
+_MESH = "discretisation={degree: 3, mesh_size: 50 mm}"
+#: One cycle; studies in space have a fourth of its steps.
+_CYCLE = (
+    "program={type: cycles, amplitudes: 40 mm, max_velocity: 0.5 m/s}",
+    "time.steps_per_cycle=40",
+)
+_SPIN = "effects.spin_friction={strength: 30 N/m, slope: 40 s}"
+_BONDED, _ELASTIC = "configs/bonded-1x3.yaml", "configs/elastic-1x3.yaml"
+_SLIP, _BOTH = "configs/bias-1x3.yaml", "configs/spin-1x3.yaml"
+STUDIES = (
+    Shown("bonded", "One placement, elastic", _BONDED, (_MESH,), 1.5),
+    Shown("bonded-spin", "One placement, spin friction", _BONDED, (_MESH, *_CYCLE, _SPIN), 7.0),
+    Shown("elastic", "Two placements, elastic", _ELASTIC, (), 1.5),
+    Shown("slip", "Two placements, slip friction", _SLIP, _CYCLE, 6.0),
+    Shown("slip-spin", "Two placements, slip and spin friction", _BOTH, _CYCLE, 6.0),
+)
+
+_STAGES = {
+    "space": "Methods in space, with coarse steps",
+    "time": "Schemes in time, on a coarse mesh",
+    "both": "Meshes and steps together",
+}
+
+
+def write_page() -> None:
+    """Make the studies that have not been made and write the page about all."""
+    for shown in STUDIES:
+        print(f"\n{shown.title}: {shlex.join(shown.command)}", flush=True)
+        subprocess.run([sys.executable, "-m", *shown.command], cwd=ROOT, check=True)
+    intro = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
+    (ROOT / PAGE).write_text(intro + "".join(map(_section, STUDIES)), encoding="utf-8")
+    print(f"\npage: {PAGE}")
+
+
+def _section(shown: Shown) -> str:
+    """Return a study's part of the page, and put its pictures beside it."""
+    made = ROOT / RESULTS / shown.name
+    answers, ladders = (made / "accuracy.md").read_text(encoding="utf-8").split("\n\n**", 1)
+    pictures = []
+    for stage, title in _STAGES.items():
+        if (picture := made / f"accuracy-{stage}.png").is_file():
+            copy = PICTURES / f"accuracy-{shown.name}-{stage}.png"
+            shutil.copyfile(picture, ROOT / copy)
+            pictures.append(f"![{title}]({copy.relative_to(PAGE.parent)})")
+    command = shlex.join(["env/enter", *shown.command])
+    parts = [f"## {shown.title}", f"```sh\n{command}\n```", answers, *pictures]
+    every = f"<details><summary>All runs</summary>\n\n**{ladders.strip()}\n\n</details>"
+    return "\n" + "\n\n".join([*parts, every]) + "\n"
+
+
+if __name__ == "__main__":
+    typer.run(write_page)  # which ends without a traceback where it is interrupted

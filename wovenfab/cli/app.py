@@ -1,0 +1,251 @@
+"""The arguments and options that several commands share.
+
+The ``wovenfab`` command and what all of its subcommands share.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from wovenfab import __version__
+from wovenfab.case import CaseError, effects_page, json_schema, published_schema
+from wovenfab.cli import check as check_command
+from wovenfab.cli import report as report_command
+from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
+
+
+def _directory(what: str) -> Any:
+    return typer.Option("-o", "--output", show_default=False, help=what)
+
+
+CaseFile = Annotated[Path, typer.Argument(help="The case file (YAML).", show_default=False)]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        show_default=False,
+        help='Change a value of the case, as in --set effects.shear.stiffness="500 N/m".',
+    ),
+]
+Jobs = Annotated[
+    int | None,
+    typer.Option(
+        "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
+    ),
+]
+Output = Annotated[
+    Path | None,
+    _directory(
+        "Directory of all that is written; a folder of results/ with the name of the case "
+        "unless given."
+    ),
+]
+AccuracyOutput = Annotated[
+    Path | None,
+    _directory(
+        "Directory of runs, table and diagrams; results/<name of the case>-accuracy unless given."
+    ),
+]
+SweepOutput = Annotated[
+    Path | None,
+    _directory("Directory of all results; results/<name of the first file>-sweep unless given."),
+]
+Page = Annotated[
+    Path | None,
+    _directory("Page of several runs; comparison.html in the folder that holds them all."),
+]
+
+
+app = typer.Typer(
+    help="Predict how woven fabrics stretch, shear, bend, slip and lose energy to friction.\n\n"
+    "A case is a YAML file; try [bold]wovenfab check configs/bias-1x3.yaml[/bold], then "
+    "[bold]wovenfab run configs/bias-1x3.yaml[/bold]. On several processors: "
+    "[bold]mpirun -n 2 wovenfab run …[/bold]. Results open in ParaView (fields.xdmf).",
+    rich_markup_mode="rich",
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"wovenfab {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    """Take the options that stand before a subcommand."""
+
+
+@app.command()
+def run(
+    case: CaseFile,
+    output: Output = None,
+    overrides: Overrides = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
+    ] = False,
+    petsc: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="PETSc options after a double dash, as in -- -snes_monitor.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """Run a case: history.csv, fields.xdmf, summary.json and pictures in a directory.
+
+    Exit code 0: finished; 2: the case or the directory cannot be used; 3: a step
+    could not be made or the sheet buckled, and all results before it are in the directory.
+    """
+    from wovenfab.cli.run import run_case
+
+    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or []))
+
+
+@app.command()
+def check(
+    case: CaseFile,
+    overrides: Overrides = None,
+    resolved: Annotated[
+        bool,
+        typer.Option(
+            "--resolved",
+            help="Print the whole case instead, with all it takes over and every default.",
+        ),
+    ] = False,
+) -> None:
+    """Validate a case and say what would be built: effects, unknowns, steps, memory."""
+    sys.exit(check_command.check_case(case, overrides or [], resolved))
+
+
+@app.command()
+def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) -> None:
+    """Measure what each effect costs and changes: the case whole, without each, each alone.
+
+    Table and chart go into results/<name of the case>-effects.
+    """
+    from wovenfab.cli.effects import study_effects
+
+    sys.exit(study_effects(case, output, overrides or []))
+
+
+@app.command()
+def accuracy(
+    case: CaseFile,
+    output: AccuracyOutput = None,
+    overrides: Overrides = None,
+    minutes: Annotated[
+        float,
+        typer.Option(
+            "--minutes", min=0.01, help="Time for all runs, without their starts and compilation."
+        ),
+    ] = 10.0,
+) -> None:
+    """Show what accuracy costs: errors against time, memory and unknowns, and what is cheapest.
+
+    Each run is a process of its own and is kept: repeat the command to go on
+    after an interruption, or with more minutes to know more.
+    """
+    from wovenfab.cli.accuracy import study_accuracy
+
+    sys.exit(study_accuracy(case, output, overrides or [], minutes))
+
+
+@app.command()
+def sweep(
+    cases: Annotated[
+        list[Path], typer.Argument(help="Case files, or a sweep file (YAML).", show_default=False)
+    ],
+    over: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--over",
+            metavar="KEY=VALUE,VALUE",
+            show_default=False,
+            help='Values of a key, as in --over "sheet.length=0.6 m,0.9 m"; all combinations are '
+            "run.",
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    output: SweepOutput = None,
+    jobs: Jobs = None,
+) -> None:
+    """Run a case with other values side by side: a table and a picture of all loops.
+
+    Repeat the command to go on after an interruption; only what changed is computed again.
+    Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
+    """
+    from wovenfab.cli.sweep import run_sweep
+
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
+
+
+@app.command()
+def report(
+    directories: Annotated[
+        list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)
+    ],
+    output: Page = None,
+    animation: Annotated[
+        bool, typer.Option("--animation", help="One cycle in motion, too: animation.gif.")
+    ] = False,
+) -> None:
+    """Report a run from its files alone, or compare several: pages, pictures, yarns."""
+    sys.exit(report_command.report_results(directories, output, animation))
+
+
+@app.command()
+def schema(
+    effects: Annotated[
+        bool, typer.Option("--effects", help="Print a page on the effects instead, in Markdown.")
+    ] = False,
+) -> None:
+    """Print the JSON Schema of case files, for editors that complete and check YAML."""
+    import json
+
+    if effects:
+        typer.echo(effects_page(), nl=False)
+        return
+    typer.echo(json.dumps(published_schema(json_schema()), indent=2))
+
+
+def guarded(command: Callable[[], None]) -> None:
+    """Run a command line; no traceback for anything that a user did."""
+    voice = Console()
+    try:
+        command()
+    except CaseError as error:
+        voice.problem(str(error))
+        sys.exit(BAD_INPUT)
+    except Exception as error:
+        if was_interrupted(error):
+            voice.problem("interrupted")
+            sys.exit(INTERRUPTED)
+        # A fault of the program: say so, and take the other ranks down with this one.
+        traceback.print_exc()
+        print("wovenfab: this is a fault of the program; please report it.", file=sys.stderr)
+        if "mpi4py.MPI" in sys.modules and int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
+            sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(1)
+        sys.exit(1)
+
+
+def main() -> None:
+    """Run ``wovenfab``."""
+    guarded(lambda: app(prog_name="wovenfab"))
+
+
+__all__ = ["BAD_INPUT", "FAILED_STEP", "app", "guarded", "main"]

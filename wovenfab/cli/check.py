@@ -1,0 +1,97 @@
+"""``wovenfab check``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from forms.catalogue import effects
+from forms.effect import Needs
+from wovenfab.case import Case, dump_case, read_case
+from wovenfab.case.needs import acting
+from wovenfab.cli.console import Console
+from wovenfab.cli.sheet import sheet_for
+from wovenfab.simulation.progress import memory
+
+if TYPE_CHECKING:
+    from wovenfab.sheet.sheet import Sheet
+
+
+def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
+    """Validate a case file, say what would be built and return the exit code.
+
+    Args:
+        path: The case file.
+        overrides: Values that replace those of the file.
+        resolved: Whether to print the case as a whole instead.
+    """
+    voice = Console()
+    case = read_case(path, overrides)
+    if resolved:
+        voice.say(dump_case(case).rstrip())
+        return 0
+    sheet = sheet_for(case, path, overrides)
+    from wovenfab.simulation.from_case import program_of_case
+
+    steps = len(program_of_case(case).milestones) - 1
+    for line in describe(case, count_unknowns(case, sheet), steps):
+        voice.say(line)
+    return 0
+
+
+def count_unknowns(case: Case, sheet: Sheet) -> int:
+    """Return the number of unknowns without compiling anything."""
+    from wovenfab.model.spaces import placements_on
+
+    degree, count = case.discretisation.degree, case.needs.placements
+    return placements_on(sheet.mesh, degree, count, sheet.jumps).unknowns
+
+
+def describe(case: Case, unknowns: int, steps: int) -> list[str]:
+    """Return in words what a run would build, and what other effects would change."""
+    needs = case.needs
+    curving = [e.name for e in case.scene if e.effect.needs.second_gradient]
+    facets = f"facet integrals ({', '.join(curving)})" if curving else "no facet integrals"
+    time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
+    present = [f"{e.name} ({e.effect.law})" if e.effect.law else e.name for e in case.scene]
+    inert = [e.name for e in case.scene if e not in acting(case.scene)]
+    brought: dict[str, list[str]] = {}
+    for effect in effects().values():
+        if effect.name not in case.effects:
+            brought.setdefault(_brought(needs, effect.needs), []).append(effect.name)
+    return [
+        f"{case.name}: {case.title}" if case.title else case.name,
+        f"effects: {', '.join(present)}",
+        f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
+        f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
+        *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
+        *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
+        "the case is valid",
+    ]
+
+
+PLACEMENTS = {1: "one placement", 2: "two placements"}
+
+
+def _brought(now: Needs, more: Needs) -> str:
+    """Return in words what an effect with other needs would bring to a scene."""
+    news = (
+        (more.placements > now.placements, "a second placement"),
+        (
+            more.second_gradient and not now.second_gradient,
+            "second gradients and facet integrals",
+        ),
+        (more.rate and not now.rate, "rates, so that speed matters"),
+        (more.increment and not now.history, "history"),
+    )
+    found = [what for is_new, what in news if is_new]
+    return " and ".join(found) or "its own terms only"
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " or ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)
+
+
+def _grouped(number: int) -> str:
+    return f"{number:,}".replace(",", " ")

@@ -1,0 +1,132 @@
+"""One voice for all ranks: messages, and progress with the time left."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from types import TracebackType
+from typing import Any
+
+from wovenfab.simulation.progress import Progress
+
+BAD_INPUT = 2
+FAILED_STEP = 3
+INTERRUPTED = 130
+#: Seconds between two lines of progress in a log.
+PAUSE = 5.0
+#: Share of the program below which nobody can say how long the rest will take.
+UNKNOWN = 0.01
+#: Variables in which MPI's launchers tell a process its rank.
+RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
+
+
+def is_launched() -> bool:
+    """Return whether an MPI launcher started this process; it hides what the terminal is."""
+    return any(name in os.environ for name in RANKS)
+
+
+def is_first_rank() -> bool:
+    """Return whether this process is the one that speaks, without loading MPI."""
+    return next((os.environ[name] for name in RANKS if name in os.environ), "0") == "0"
+
+
+def was_interrupted(error: BaseException) -> bool:
+    """Return whether Ctrl-C is behind an error: PETSc hands it on as one of its own."""
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    return cause is not None
+
+
+class Console:
+    """Prints on the first rank only: a live bar on a terminal, plain lines in a log."""
+
+    def __init__(self) -> None:
+        """Find out who and where we are."""
+        self._speaks = is_first_rank()
+        self._bar: Any = None
+        self._task: Any = None
+        self._last = time.monotonic()
+        self._done = 0.0
+        self._phase = ""
+
+    def say(self, text: str) -> None:
+        """Print a line."""
+        if self._speaks:
+            (self._bar.console.print if self._bar else print)(text)
+            sys.stdout.flush()
+
+    def problem(self, text: str) -> None:
+        """Print a message to the error stream."""
+        if self._speaks:
+            print(
+                f"wovenfab: {text}" if ".yaml:" not in text else text, file=sys.stderr, flush=True
+            )
+
+    def __enter__(self) -> Console:
+        """Start the live bar if somebody watches."""
+        if self._speaks and sys.stdout.isatty() and not is_launched():
+            from rich import progress as rich
+
+            self._bar = rich.Progress(
+                rich.TextColumn("{task.description}"),
+                rich.BarColumn(),
+                rich.TextColumn("{task.percentage:>3.0f} %"),
+                rich.TimeRemainingColumn(),
+                rich.TextColumn("{task.fields[state]}"),
+            )
+            self._bar.start()
+            self._task = self._bar.add_task("starting", total=1.0, state="")
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop the live bar."""
+        if self._bar:
+            self._bar.stop()
+            self._bar = None
+
+    def progress(self, now: Progress) -> None:
+        """Show progress: the bar, or a line every few seconds."""
+        if not self._speaks:
+            return
+        state = _state(now)
+        if self._bar:
+            self._bar.update(self._task, description=now.phase, completed=now.done, state=state)
+            return
+        moment = time.monotonic()
+        if now.phase != self._phase:
+            self._phase = now.phase
+            self._last, self._done = moment, now.done
+            size = f" ({now.unknowns} unknowns)" if now.unknowns else ""
+            self.say(f"{now.phase}{size}")
+        elif moment - self._last > PAUSE and now.step is not None:
+            speed = (now.done - self._done) / (moment - self._last)
+            known = now.done > UNKNOWN and speed > 0
+            left = f", {duration((1 - now.done) / speed)} left" if known else ""
+            self._last, self._done = moment, now.done
+            self.say(f"{now.done:4.0%}  {state}{left}")
+
+
+def _state(now: Progress) -> str:
+    if now.step is None:
+        return ""
+    step = now.step
+    cut = f", cut back {_counted(step.cutbacks, 'time')}" if step.cutbacks else ""
+    iterations = _counted(step.iterations, "iteration")
+    return f"step {step.number}: {1e3 * step.displacement:.4g} mm, {iterations}{cut}"
+
+
+def _counted(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"

@@ -1,0 +1,174 @@
+"""The space of the placements, which may jump across lines of their own fibres.
+
+The energy differentiates chi_a along D_a only, so that chi_a may jump at no cost across
+a fibre of family a; where yarns of one family stop being held alike, it does. Along such
+lines the nodes of that family are doubled in the dof map: the cells on either side have
+their own (cut.py). Kernels stay what they are, and so does everything away from the lines.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import basix.ufl
+import numpy as np
+from dolfinx import fem, la
+from dolfinx.common import IndexMap
+from dolfinx.mesh import Mesh
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from wovenfab.compat import space_with
+from wovenfab.model.split_nodes import MOST, SplitNodes, split_along
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int32]
+#: Lines on which the placement of each family may jump: end points, shape (n, 2, 2), m.
+Lines = Sequence[Array]
+NO_LINES: Array = np.zeros((0, 2, 2))
+
+
+@dataclass(frozen=True)
+class Placements:
+    """The unknowns of one or two placements: blocks of an x and a y component.
+
+    Attributes:
+        space: Space of 2 components a placement; its dof map has blocks of two.
+        count: 1 or 2.
+        positions: Reference position of each block of this rank, shape (n, 2), m.
+        blocks: Blocks of each local cell, shape (cells, nodes, count).
+        families: For each family the space of its placement alone, whose unknowns have
+            the same numbers; with one placement both are the whole space.
+        doubled: Number of blocks that lines have added, over all ranks.
+    """
+
+    space: fem.FunctionSpace
+    count: int
+    positions: Array
+    blocks: Ints
+    families: tuple[fem.FunctionSpace, fem.FunctionSpace]
+    doubled: int = 0
+
+    @property
+    def spaces(self) -> tuple[fem.FunctionSpace, ...]:
+        """All spaces that forms live on."""
+        return (self.space,) if self.count == 1 else (self.space, *self.families)
+
+    @property
+    def owned(self) -> int:
+        """Number of unknowns that this rank owns; they come first."""
+        return 2 * int(self.space.dofmap.index_map.size_local)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of unknowns over all ranks."""
+        return 2 * int(self.space.dofmap.index_map.size_global)
+
+    def on_facets(self, facets: Ints, family: int) -> Ints:
+        """Return this rank's blocks of a family on boundary facets; collective.
+
+        Of a doubled node, it is the copy of the cell that the facet belongs to.
+
+        Args:
+            facets: Local boundary facets.
+            family: 0 or 1; one placement stands for both.
+        """
+        topology = self.space.mesh.topology
+        topology.create_connectivity(1, 2)
+        topology.create_connectivity(2, 1)
+        cells, sides = topology.connectivity(1, 2), topology.connectivity(2, 1)
+        nodes = self.space.element.basix_element.entity_closure_dofs[1]
+        mark = fem.Function(self.space)
+        for facet in facets:
+            cell = cells.links(facet)[0]
+            side = int(np.flatnonzero(sides.links(cell) == facet)[0])
+            mark.x.array[2 * self.blocks[cell, nodes[side], family % self.count]] = 1.0
+        # A rank may have a node of a facet that it does not have itself.
+        mark.x.scatter_reverse(la.InsertMode.add)
+        mark.x.scatter_forward()
+        return np.flatnonzero(mark.x.array[::2]).astype(np.int32)
+
+
+def placements_on(
+    mesh: Mesh, degree: int, count: int, jumps: Lines = (NO_LINES, NO_LINES)
+) -> Placements:
+    """Return the Lagrange space of the placements; collective.
+
+    Args:
+        mesh: Triangles.
+        degree: Degree of the elements.
+        count: 1 placement for both families, or 2.
+        jumps: For each family, lines along facets across which it may jump. One
+            placement is differentiated along both families: it never jumps.
+    """
+    scalar = fem.functionspace(mesh, ("Lagrange", degree))
+    element = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(2 * count,))
+    nodes = scalar.dofmap.list
+    places = np.ascontiguousarray(scalar.tabulate_dof_coordinates()[:, :2])
+    if count == 1:
+        space = fem.functionspace(mesh, element)
+        return Placements(space, count, places, nodes[:, :, None], (space, space))
+    cut = [split_along(scalar, places, np.reshape(lines, (-1, 2, 2))) for lines in jumps]
+    return _doubled(scalar, element, places, cut, degree)
+
+
+def _doubled(
+    scalar: fem.FunctionSpace, element: Any, places: Array, cuts: Sequence[SplitNodes], degree: int
+) -> Placements:
+    """Return the space of two placements with doubled nodes; collective.
+
+    Both families of a node are numbered together, further copies after all others.
+    """
+    mesh, nodes, old = scalar.mesh, scalar.dofmap.list, scalar.dofmap.index_map
+    own, ghosts = old.size_local, old.num_ghosts
+    size = 2 * own + sum(int((cut.copies[:own] - 1).sum()) for cut in cuts)
+    first = int(mesh.comm.exscan(size) or 0)
+    numbers: list[Any] = []  # local numbers of the copies by family
+    ghost_numbers, ghost_owners = [], []
+    next_own, next_ghost = 2 * own, size
+    for family, cut in enumerate(cuts):
+        copies = []
+        for which in range(MOST):
+            there = cut.copies > which
+            local = np.full(own + ghosts, -1, dtype=np.int32)
+            mine = np.flatnonzero(there[:own])
+            local[mine] = 2 * mine + family if which == 0 else next_own + np.arange(len(mine))
+            next_own += len(mine) if which else 0
+            everywhere = fem.Function(scalar)
+            everywhere.x.array[:own] = first + local[:own]
+            everywhere.x.scatter_forward()
+            theirs = own + np.flatnonzero(there[own:])
+            local[theirs] = next_ghost + np.arange(len(theirs))
+            next_ghost += len(theirs)
+            ghost_numbers.append(everywhere.x.array[theirs])
+            ghost_owners.append(old.owners[theirs - own])
+            copies.append(local)
+        numbers.append(copies)
+    index_map = IndexMap(
+        mesh.comm,
+        size,
+        np.rint(np.concatenate(ghost_numbers)).astype(np.int64),
+        np.concatenate(ghost_owners).astype(np.int32),
+    )
+    blocks = np.stack(
+        [
+            np.choose(cut.which, [local[nodes] for local in copies])
+            for cut, copies in zip(cuts, numbers, strict=True)
+        ],
+        axis=2,
+    ).astype(np.int32)
+    positions = np.zeros((next_ghost, 2))
+    for copies in numbers:
+        for local in copies:
+            positions[local[local >= 0]] = places[local >= 0]
+    doubled = mesh.comm.allreduce(size - 2 * own, op=MPI.SUM)
+    space = space_with(mesh, element, index_map, blocks.reshape(len(blocks), -1))
+    single = basix.ufl.element("Lagrange", mesh.basix_cell(), degree, shape=(2,))
+    first_family, second_family = (
+        space_with(mesh, single, index_map, np.ascontiguousarray(blocks[:, :, family]))
+        for family in (0, 1)
+    )
+    families = (first_family, second_family)
+    return Placements(space, 2, positions, blocks, families, doubled)

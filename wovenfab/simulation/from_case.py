@@ -1,0 +1,299 @@
+"""Values of a case for the model: numbers stay, formulas become functions of the position.
+
+From a case to the sheet, model, constraints, program and solver that it describes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from math import inf, pi
+from pathlib import Path
+from typing import Any
+
+import ufl
+from mpi4py import MPI
+
+from wovenfab.case import (
+    Case,
+    Component,
+    Cycles,
+    EdgeCondition,
+    Expression,
+    Hold,
+    Ramp,
+    Rectangle,
+    Table,
+    blame_own,
+    conditions_of,
+)
+from wovenfab.model.build import build_model
+from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
+from wovenfab.model.model import Model, Numerics, Value
+from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.gmsh_io import from_file, graded_rectangle, outline_from_file
+from wovenfab.sheet.outline import rectangle_outline
+from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.sheet.structured import rectangle
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.options import SolverOptions
+from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
+from wovenfab.stepping.schemes import SCHEMES, Scheme
+
+#: What the functions of a formula mean in UFL.
+UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    "sqrt": ufl.sqrt,
+    "exp": ufl.exp,
+    "log": ufl.ln,
+    "sin": ufl.sin,
+    "cos": ufl.cos,
+    "tan": ufl.tan,
+    "tanh": ufl.tanh,
+    "abs": abs,
+    "min": ufl.min_value,
+    "max": ufl.max_value,
+    "if": ufl.conditional,
+    "<": ufl.lt,
+    "<=": ufl.le,
+    ">": ufl.gt,
+    ">=": ufl.ge,
+    "and": ufl.And,
+    "or": ufl.Or,
+}
+
+
+def value_of(value: float | Expression) -> Value:
+    """Return a number, or a UFL expression as a function of the reference position."""
+    return partial(_in_ufl, value) if isinstance(value, Expression) else value
+
+
+def load_of(value: float | Expression) -> Force:
+    """Return a number, or a UFL expression as a function of position and program."""
+    return partial(_in_ufl, value) if isinstance(value, Expression) else value
+
+
+def values_of(values: Mapping[str, Any]) -> dict[str, Value | tuple[Value, Value]]:
+    """Return an effect's values; pairs are those of the two families."""
+    return {
+        name: (value_of(value[0]), value_of(value[1]))
+        if isinstance(value, tuple)
+        else value_of(value)
+        for name, value in values.items()
+    }
+
+
+def held_of(component: Component) -> Held | None:
+    """Return how a component is held, None where it is free."""
+    if not component.held:
+        return None
+    if component.expression is not None:
+        return Held(field=component.at)
+    return Held(component.factor, component.offset)
+
+
+def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
+    known = {"x": position[0], "y": position[1], "program": program}
+    return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
+
+
+class UnknownEdgeError(Exception):
+    """A case names an edge that its sheet does not have.
+
+    Attributes:
+        edge: The name.
+        known: Names of the sheet's edges.
+    """
+
+    def __init__(self, edge: str, known: Sequence[str]) -> None:
+        """Keep both for the message."""
+        super().__init__(f"the sheet has no edge {edge!r}; it has {', '.join(known)}")
+        self.edge, self.known = edge, tuple(known)
+
+
+def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
+    """Return the meshed sheet of a case; collective.
+
+    Raises:
+        GeometryError: If a geometry file cannot be meshed, on every rank.
+        UnknownEdgeError: If a condition is for an edge that the sheet lacks.
+    """
+    sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
+    for name in case.boundary:
+        if name not in sheet.edges:
+            raise UnknownEdgeError(name, sorted(sheet.edges))
+    return sheet
+
+
+def follows_fibres(case: Case) -> bool:
+    """Return whether the mesh of a case is made along its fibres."""
+    mesh = case.discretisation.mesh
+    if isinstance(case.sheet, Rectangle):
+        return mesh == "fibres"
+    return mesh in ("fibres", None) and Path(case.sheet.file).suffix != ".msh"
+
+
+def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
+    """Return the sheet with a structured mesh or one by gmsh."""
+    d = case.discretisation
+    if isinstance(case.sheet, Rectangle):
+        length, width = case.sheet.length, case.sheet.width
+        assert d.mesh_size is not None  # a case that has been read has one
+        if d.mesh == "unstructured":
+            parts = graded_rectangle(comm, length, width, d.mesh_size, d.corner_size)
+        else:
+            parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
+    else:
+        parts = from_file(comm, Path(case.sheet.file), d.mesh_size)
+    return Sheet(*parts, directions(case.sheet.fibres))
+
+
+def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
+    """Return the sheet with a mesh along the fibres."""
+    d = case.discretisation
+    if isinstance(case.sheet, Rectangle):
+        outline = rectangle_outline(case.sheet.length, case.sheet.width)
+        size = d.mesh_size
+    else:
+        outline, size = outline_from_file(comm, Path(case.sheet.file), d.mesh_size)
+    assert size is not None
+    return aligned_sheet(
+        comm,
+        outline,
+        directions(case.sheet.fibres),
+        (_holds(case, 1), _holds(case, 2)),
+        size,
+        corner_size=d.corner_size,
+        jumps=d.jumps is not False,
+        steep=case.needs.placements == 1,
+    )
+
+
+def _holds(case: Case, family: int) -> dict[str, str]:
+    """Return the edges that hold a family in any way; each its own way."""
+    return {
+        name: name
+        for name, _, edge in conditions_of(case.boundary)
+        if family in edge.families and (edge.rotation or any(c.held for c in edge.components))
+    }
+
+
+def model_of(case: Case, sheet: Sheet) -> Model:
+    """Return the compiled model of a case on a sheet; collective.
+
+    Raises:
+        CaseError: If a user's own effect cannot be compiled, on every rank.
+    """
+    d = case.discretisation
+    conditions = list(conditions_of(case.boundary))
+    rotations = [
+        [name for name, _, edge in conditions if edge.rotation and family in edge.families]
+        for family in (1, 2)
+    ]
+    loads = [
+        EdgeLoad(name, _families_of(edge), (load_of(edge.force[0]), load_of(edge.force[1])))
+        for name, _, edge in conditions
+        if edge.force is not None
+    ]
+    with blame_own(case.scene):
+        return build_model(
+            sheet,
+            [term.effect for term in case.scene],
+            {term.name: values_of(term.values) for term in case.scene},
+            Numerics(
+                degree=d.degree,
+                quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
+                penalty=None if d.penalty == "auto" else d.penalty,
+                history=scheme_of(case).memory,
+                mixed=case.solver.tangent == "mixed",
+            ),
+            (rotations[0], rotations[1]),
+            loads,
+        )
+
+
+def constraints_of(case: Case, model: Model) -> Constraints:
+    """Return the prescribed placements of a case."""
+    grips = [
+        Grip(name, (held_of(edge.components[0]), held_of(edge.components[1])), _families_of(edge))
+        for name, _, edge in conditions_of(case.boundary)
+    ]
+    return Constraints(model.placements, model.sheet, grips)
+
+
+def _families_of(edge: EdgeCondition) -> tuple[int, ...]:
+    """Return the families that a condition is for, counted from 0."""
+    return tuple(family - 1 for family in edge.families)
+
+
+def equilibrium_of(case: Case, model: Model, constraints: Constraints) -> EquilibriumSolver:
+    """Return the solver of a case."""
+    return EquilibriumSolver(model, constraints, controls_of(case))
+
+
+def controls_of(case: Case) -> SolverOptions:
+    """Return how a case has equilibrium sought."""
+    s = case.solver
+    controls = SolverOptions(
+        s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
+    )
+    return controls if s.factor == "kept" else replace(controls, keep_from=inf)
+
+
+def scheme_of(case: Case) -> Scheme:
+    """Return the time scheme of a case."""
+    return SCHEMES[case.time.scheme]
+
+
+def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
+    """Return the first edge that the program moves, and its direction of motion.
+
+    Where a formula moves it, or nothing does, the direction is that of the held
+    components of the first held edge.
+    """
+    conditions = [(name, edge) for name, _, edge in conditions_of(case.boundary)]
+    moved = [(name, edge) for name, edge in conditions if edge.moves]
+    held = [(name, edge) for name, edge in conditions if any(c.held for c in edge.components)]
+    name, edge = (moved or held)[0]
+    x, y = (c.factor for c in edge.components)
+    if not (x or y):
+        x, y = (float(c.held and (c.moves or not moved)) for c in edge.components)
+    size = (x * x + y * y) ** 0.5
+    return name, (x / size, y / size)
+
+
+def program_of_case(case: Case) -> Program:
+    """Return the load program of a case; each segment starts where the last one ended."""
+    stretches: list[Segment] = []
+    position = 0.0
+    for segment in case.program:
+        added, position = _stretches(segment, position, case.time.steps_per_cycle)
+        stretches += added
+    return program_of(stretches)
+
+
+def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
+    """Return a segment's stretches and the displacement (m) at its end."""
+    if isinstance(segment, Cycles):
+        turn = partial(cycle, start, steps=per_cycle)
+        period = _period(segment)
+        return [s for a in segment.amplitudes for s in turn(a, period=period(a))], start
+    if isinstance(segment, Ramp):
+        way = abs(segment.to - start)
+        duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
+        return [ramp(start, segment.to, duration, segment.steps)], segment.to
+    if isinstance(segment, Hold):
+        return [ramp(start, start, segment.duration, segment.steps)], start
+    assert isinstance(segment, Table)
+    displacements = segment.samples.displacements
+    return table(start, segment.samples.times, displacements), displacements[-1]
+
+
+def _period(segment: Cycles) -> Any:
+    """Return the period (s) as a function of the amplitude (m)."""
+    if segment.frequency is not None:
+        frequency = segment.frequency
+        return lambda amplitude: 1 / frequency
+    assert segment.max_velocity is not None
+    velocity = segment.max_velocity
+    return lambda amplitude: pi * amplitude / velocity

@@ -1,0 +1,72 @@
+"""The largest force of a curve that is known at steps only, between which it may lie.
+
+The largest of the steps' own forces changes by chance from one step size to the next, in the
+same way with every scheme, and so hides how well it is known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+#: Steps through which a parabola goes, and points between two steps where two are compared.
+THREE, BETWEEN = 3, 129
+
+
+def upper_peak_force(times: Array, forces: Array) -> float:
+    """Return the force of largest size that the curve may reach, even by a kink.
+
+    Before and after it the curve goes on as parabolas through three steps each, which meet
+    where it is largest, be that smooth or, where friction turns round, nearly a kink. Where
+    steps are so long that the curve bends more than they know, that is too much.
+
+    Args:
+        times: Of the steps, s, shape (n,).
+        forces: At the steps, N, shape (n,).
+    """
+    at, sign, sizes = _largest(forces)
+    best = float(sizes[at])
+    for j in (at - 1, at):
+        if j < THREE - 1 or j + THREE >= len(times):
+            continue
+        t = np.linspace(times[j], times[j + 1], BETWEEN)
+        before, after = slice(j - THREE + 1, j + 1), slice(j + 1, j + THREE + 1)
+        sides = [_parabola(times[s], sizes[s], times[j])(t - times[j]) for s in (before, after)]
+        best = max(best, float(np.minimum(*sides).max()))
+    return sign * best
+
+
+def peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
+    """Return the force of largest size that the curve reaches.
+
+    It is the top of the parabola through the largest step and its neighbours; but no more
+    than :func:`upper_peak_force`, for where friction turns round that parabola is led astray.
+
+    Args:
+        times: Of the steps, s, shape (n,).
+        forces: At the steps, N, shape (n,).
+        kinks: Whether the velocity jumps there; then the step's own force is taken.
+    """
+    at, sign, sizes = _largest(forces)
+    if at in (0, len(times) - 1) or kinks[at]:
+        return float(forces[at])
+    around = slice(at - 1, at + 2)
+    a, b, c = _parabola(times[around], sizes[around], times[at]).coef
+    top = float(c - b * b / (4 * a)) if a else float(sizes[at])
+    if THREE <= at < len(times) - THREE:  # there are parabolas before and after
+        top = min(top, abs(upper_peak_force(times, forces)))
+    return sign * top
+
+
+def _largest(forces: Array) -> tuple[int, float, Array]:
+    """Return which step's force is largest in size, its sign, and forces with that as plus."""
+    at = int(np.abs(forces).argmax())
+    sign = 1.0 if forces[at] >= 0 else -1.0
+    return at, sign, sign * np.asarray(forces)
+
+
+def _parabola(times: Array, values: Array, origin: float) -> np.poly1d:
+    return np.poly1d(np.polyfit(times - origin, values, THREE - 1))

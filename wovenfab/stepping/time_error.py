@@ -1,0 +1,131 @@
+"""The error of a step in time, embedded: what rates of one order more would have changed.
+
+The rate of BDF2 differs from that of the cubic through one state more by
+``h (h + a) / 6`` times the third divided derivative, where ``h`` is this step and ``a`` the
+last. The dissipated power and the forces are evaluated with both (Hairer, Norsett and Wanner,
+Solving Ordinary Differential Equations I, III.5, for the error of formulas of variable step).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.solver.equilibrium import EquilibriumSolver
+
+Array = NDArray[np.float64]
+#: A step with this many times the error that is allowed is made again, shorter.
+TOO_MUCH = 1.5
+#: Share of the best length that is tried, least and most of the last length.
+CAREFUL, LEAST, MOST = 0.85, 0.3, 2.0
+
+
+@dataclass(frozen=True)
+class StepError:
+    """The error of one step in time, signed: its answer less a better one.
+
+    Attributes:
+        power: Of the dissipated power at its end, W.
+        forces: Of the force (N; x, y) that each held edge exerts.
+        relative: The larger of both over the largest power and force so far.
+    """
+
+    power: float
+    forces: Mapping[str, tuple[float, float]]
+    relative: float
+
+
+def rate_error(now: Array, states: Sequence[Array], steps: Sequence[float], step: float) -> Array:
+    """Return by how much the rate of a step is too small, m/s.
+
+    Args:
+        now: State at its end, m.
+        states: Three earlier states, latest first.
+        steps: Times between those, s.
+        step: Length of the step, s.
+    """
+    a, b = steps[:2]
+    slope = (states[0] - states[1]) / a
+    bend = ((now - states[0]) / step - slope) / (step + a)
+    earlier = (slope - (states[1] - states[2]) / b) / (a + b)
+    return np.asarray(step * (step + a) * (bend - earlier) / (step + a + b))
+
+
+class TimeErrorEstimator:
+    """Measures the error of steps and says how long the next may be."""
+
+    def __init__(
+        self,
+        model: Model,
+        constraints: Constraints,
+        equilibrium: EquilibriumSolver,
+        tolerance: float,
+    ) -> None:
+        """Know no power and no force yet.
+
+        Args:
+            model: The model, whose rates use two earlier states.
+            constraints: Its prescribed placements.
+            equilibrium: Its solver.
+            tolerance: Allowed error of power and force, each over its largest size so far.
+        """
+        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
+        self._tolerance = tolerance
+        self._power = self._force = 0.0
+
+    def first(self, jump: bool) -> float:
+        """Return the length of first steps over a planned one; their error is not known yet.
+
+        Args:
+            jump: The velocity jumps, so that their rates are of first order alone.
+        """
+        return min(1.0, self._tolerance if jump else sqrt(self._tolerance))
+
+    def measure(self, wrong: Array, weights: Sequence[float]) -> StepError:
+        """Return the error of the step that has just been solved; collective.
+
+        Args:
+            wrong: What its rates lack, m/s.
+            weights: Weights of the states in its rates, 1/s.
+        """
+        equilibrium, before = self._equilibrium, self._model.history[0].x.array
+        found, power = equilibrium.force, self._dissipated()
+        reactions = self._constraints.reactions(found)
+        kept = before.copy()
+        before += wrong / weights[1]
+        off_power = power - self._dissipated()
+        better = self._constraints.reactions(equilibrium.evaluate_force())
+        before[:] = kept
+        forces = {
+            name: (x - better[name][0], y - better[name][1]) for name, (x, y) in reactions.items()
+        }
+        self._power = max(self._power, abs(power))
+        self._force = max(self._force, _largest(reactions))
+        shares = [
+            size / scale
+            for size, scale in ((abs(off_power), self._power), (_largest(forces), self._force))
+            if scale
+        ]
+        return StepError(off_power, forces, max(shares, default=0.0))
+
+    def refuses(self, error: StepError) -> bool:
+        """Return whether the step must be made again."""
+        return error.relative > TOO_MUCH * self._tolerance
+
+    def growth(self, error: StepError) -> float:
+        """Return how long the next step may be over this one; errors are of second order."""
+        best = CAREFUL * sqrt(self._tolerance / max(error.relative, 1e-30))
+        return min(MOST, max(LEAST, best))
+
+    def _dissipated(self) -> float:
+        return sum(self._model.dissipated_power().values())
+
+
+def _largest(forces: Mapping[str, tuple[float, float]]) -> float:
+    return max((max(abs(x), abs(y)) for x, y in forces.values()), default=0.0)
