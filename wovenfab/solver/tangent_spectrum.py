@@ -26,7 +26,7 @@ from wovenfab.solver.linear import COUNT_NULL, NEGATIVE, STATUS, LinearSolver, c
 #: Of MUMPS: number of null pivots, over all ranks.
 NULL = 28
 #: Shift over the largest diagonal entry, and sweeps, that bring out a null vector.
-SHIFT, SWEEPS = 1e-12, 3
+NULL_SHIFT, NULL_SWEEPS = 1e-12, 3
 
 
 @dataclass(frozen=True)
@@ -65,9 +65,9 @@ def null_vector(matrix: Any, start: Any) -> NDArray[np.float64]:
         At this rank's own unknowns, of length one over all.
     """
     diagonal = matrix.getDiagonal()
-    matrix.shift(SHIFT * (diagonal.norm(PETSc.NormType.INFINITY) or 1.0))
+    matrix.shift(NULL_SHIFT * (diagonal.norm(PETSc.NormType.INFINITY) or 1.0))
     ksp, image = _factorised(matrix), start.duplicate()
-    for _ in range(SWEEPS):
+    for _ in range(NULL_SWEEPS):
         ksp.solve(start, image)
         image.scale(1 / (image.norm() or 1.0))
         image.copy(start)
