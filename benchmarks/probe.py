@@ -55,23 +55,23 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from wovenfab.case import read_case
     from wovenfab.simulation.from_case import sheet_of
     from wovenfab.simulation.progress import peak_memory
-    from wovenfab.simulation.simulation import simulation_of
+    from wovenfab.simulation.simulation import Simulation
 
     comm = MPI.COMM_WORLD
     before = peak_memory()
     case = read_case(Path(case_file), overrides)
-    with simulation_of(case, sheet_of(case, comm)) as rig:
+    with Simulation(case, sheet_of(case, comm)) as simulation:
         comm.barrier()
         start = time.perf_counter()
-        steps = list(rig.march.steps())
+        steps = list(simulation.steps())
         seconds = time.perf_counter() - start
         found = Sample(
-            unknowns=rig.model.unknowns,
+            unknowns=simulation.model.unknowns,
             steps=len(steps) - 1,
             iterations=sum(step.iterations for step in steps),
             seconds=comm.allreduce(seconds, op=MPI.MAX),
             memory=comm.allreduce(peak_memory() - before),
-            force=max(rig.force(step.reactions)[0] for step in steps),
+            force=max(step.force for step in steps),
             dissipated=sum(steps[-1].dissipated.values()),
         )
     if comm.rank == 0:

@@ -21,6 +21,7 @@ from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.sheet.structured import rectangle
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import Problem
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step
@@ -86,21 +87,22 @@ def effect(name: str) -> Effect:
 
 def solver(
     of: Model, grips: Sequence[Grip] = PULL, controls: SolverOptions | None = None
-) -> tuple[Constraints, EquilibriumSolver]:
-    """Return constraints and solver of a model."""
+) -> EquilibriumSolver:
+    """Return the solver of a model."""
     constraints = Constraints(of.placements, of.sheet, grips)
-    return constraints, EquilibriumSolver(of, constraints, controls or SolverOptions())
+    return EquilibriumSolver(Problem(of, constraints), controls or SolverOptions())
 
 
 def force(
     of: Model, grips: Sequence[Grip], displacement: float, controls: SolverOptions | None = None
 ) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) after one elastic step from rest."""
-    constraints, equilibrium = solver(of, grips, controls)
+    equilibrium = solver(of, grips, controls)
+    constraints = equilibrium.problem.constraints
     constraints.set(displacement)
     outcome = equilibrium.solve()
     assert outcome.converged, outcome
-    reactions = constraints.reactions(equilibrium.force)
+    reactions = constraints.reactions(equilibrium.problem.force)
     equilibrium.destroy()
     return reactions
 
@@ -119,8 +121,8 @@ def march(
     ``look`` is called after each, with the field set to its state.
     """
     of.field.x.array[:] = 0
-    constraints, equilibrium = solver(of, grips, controls)
-    marching = TimeStepper(of, constraints, equilibrium, program, SCHEMES[scheme], smallest_step)
+    equilibrium = solver(of, grips, controls)
+    marching = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step)
     steps = []
     for step in marching.steps():
         look(step)

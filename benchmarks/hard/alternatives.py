@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.hard.ride import Ride, mount
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
 from benchmarks.hard.trials import Counted, Halving, Patient, TrustRegion
 from wovenfab.stepping.step_size import StepSizeControl
@@ -55,44 +55,50 @@ class Tally:
 
 def _by(
     solver: type[Counted],
-    pace: Callable[[float], StepSizeControl] = StepSizeControl,
+    step_size: Callable[[float], StepSizeControl] = StepSizeControl,
     **controls: Any,
 ) -> Callable[[Setting], Tally]:
     def run(setting: Setting) -> Tally:
-        ride = mount(replace(setting, controls=controls), solver=solver, pace=pace).go()
-        return _tally(ride)
+        measurement = Measurement(
+            replace(setting, controls=controls), solver=solver, step_size=step_size
+        ).run()
+        return _tally(measurement)
 
     return run
 
 
-def _tally(ride: Ride) -> Tally:
-    equilibrium = ride.equilibrium
+def _tally(measurement: Measurement) -> Tally:
+    equilibrium = measurement.equilibrium
     assert isinstance(equilibrium, Counted)
-    force = float(ride.force[-1]) if ride.end == "finished" else None
-    ride.destroy()
+    force = float(measurement.force[-1]) if measurement.end == "finished" else None
+    measurement.destroy()
     return Tally(equilibrium.solves, equilibrium.iterations, force)
 
 
 def _continued(setting: Setting) -> Tally:
     """Make each step with softer yarns first; no cut-backs."""
-    ride = mount(setting, solver=Counted)
-    model, program, equilibrium = ride.model, setting.case.program[0], ride.equilibrium
+    measurement = Measurement(setting, solver=Counted)
+    model, program, equilibrium = (
+        measurement.model,
+        setting.case.program[0],
+        measurement.equilibrium,
+    )
     assert isinstance(equilibrium, Counted)
     stretches = [t for t in model.balance.terms if "stretching" in t.effect.resists]
     stiff = [k for t in stretches for k in t.values["stiffness"]]
     whole = [float(k.value) for k in stiff]
     force = None
     for step in range(1, program.steps + 1):  # type: ignore[union-attr]
-        ride.constraints.set(program.to * step / program.steps)  # type: ignore[union-attr]
+        measurement.constraints.set(program.to * step / program.steps)  # type: ignore[union-attr]
         for share in SOFTENED:
             for k, value in zip(stiff, whole, strict=True):
                 k.value = share * value
             model.last.x.array[:] = model.field.x.array
             if not equilibrium.solve().converged:
-                ride.destroy()
+                measurement.destroy()
                 return Tally(equilibrium.solves, equilibrium.iterations, None)
-        force = float(ride.constraints.reactions(equilibrium.force)["right"][0])
-    ride.destroy()
+        force = float(measurement.constraints.reactions(equilibrium.problem.force)["right"][0])
+    measurement.destroy()
     return Tally(equilibrium.solves, equilibrium.iterations, force)
 
 

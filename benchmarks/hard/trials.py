@@ -48,7 +48,7 @@ class _PatientNewton(NewtonSolver):
 class Patient(Counted):
     """Goes on after searches that find no lower potential, to the last iteration."""
 
-    method = _PatientNewton
+    newton_solver = _PatientNewton
 
 
 class _TrustRegionNewton(NewtonSolver):
@@ -56,7 +56,7 @@ class _TrustRegionNewton(NewtonSolver):
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End as usual, or when the grips are in place."""
-        if snes.getType() == "newtonls" and self.system.attained:
+        if snes.getType() == "newtonls" and self.problem.attained:
             self.norm = norms[2]
             return int(Reason.CONVERGED_ITS)
         return super().test(snes, iteration, norms)
@@ -69,8 +69,8 @@ class _TrustRegionNewton(NewtonSolver):
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         """Put the tangent in the matrix, in a trust region the plain one."""
         if snes.getType() == "newtontr":
-            self.system.load(x)
-            self.system.model.last.x.array[:] = self.system.model.field.x.array
+            self.problem.load(x)
+            self.problem.model.last.x.array[:] = self.problem.model.field.x.array
         self.form_tangent(x)
 
 
@@ -80,13 +80,13 @@ class TrustRegion(Counted):
     The first step must raise the potential, for it moves the grips: it is Newton's.
     """
 
-    method = _TrustRegionNewton
+    newton_solver = _TrustRegionNewton
 
     def solve(self) -> SolveResult:
         """Move the grips by Newton's method and go on with a trust region."""
-        snes = self._newton.snes
+        snes = self.newton.snes
         snes.setType("newtonls")
-        snes.setTolerances(max_it=self._controls.max_iterations)
+        snes.setTolerances(max_it=self._options.max_iterations)
         first = super().solve()
         if not first.converged:
             return first
@@ -112,11 +112,11 @@ class Halving(StepSizeControl):
         self._targets = self._targets or [end]
         return self._targets[-1]
 
-    def made(self, length: float, tangents: int) -> None:
+    def accepted(self, length: float, tangents: int) -> None:
         """Go on to the next time."""
         self._targets.pop()
 
-    def cut(self, length: float, planned: float) -> bool:
+    def reduce(self, length: float, planned: float) -> bool:
         """Step half as far first."""
         self._targets.append(self._now + CUT * length)
         return CUT * length >= self._smallest * planned

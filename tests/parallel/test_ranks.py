@@ -213,8 +213,8 @@ def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
 def failed(program: Program, controls: SolverOptions) -> tuple[int, str, bool]:
     """Return accepted steps, the failure's message and whether the field was restored."""
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.075), scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model, controls=controls)
-    march = TimeStepper(model, constraints, equilibrium, program, SCHEMES["backward-euler"], 0.4)
+    equilibrium = scenes.solver(model, controls=controls)
+    march = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], 0.4)
     accepted, last = 0, np.zeros(0)
     with pytest.raises(StepFailedError) as failure:
         for _ in march.steps():
@@ -255,9 +255,10 @@ def test_the_step_limit_is_that_of_the_worst_rank() -> None:
         _, equilibrium = scenes.solver(model)
         # Families cross first near the right end, on one rank.
         scenes.set_field(
-            equilibrium.barrier.step, lambda x: np.array([0.2 * x[0] ** 3, -0.3 * x[0] ** 2 * x[1]])
+            equilibrium.crossing.direction,
+            lambda x: np.array([0.2 * x[0] ** 3, -0.3 * x[0] ** 2 * x[1]]),
         )
-        limits.append(equilibrium.barrier.limit())
+        limits.append(equilibrium.crossing.limit(equilibrium.crossing.direction.x.array))
         equilibrium.destroy()
     assert np.isfinite(limits[1])
     assert limits[0] == pytest.approx(limits[1], rel=1e-12)
@@ -286,10 +287,10 @@ def buckled(comm: MPI.Comm) -> tuple[StabilityLoss, Step, float]:
     """Return the loss, the last step on the branch, and the deflection there."""
     on = scenes.sheet(fibres=scenes.ALONG, comm=comm)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model, scenes.PUSH, SolverOptions(descend=True))
+    equilibrium = scenes.solver(model, scenes.PUSH, SolverOptions(descend=True))
     program = program_of([ramp(0.0, 2e-4, 1.0, 1)])
     scheme = SCHEMES["backward-euler"]
-    march = TimeStepper(model, constraints, equilibrium, program, scheme, 1 / 1024, "follow")
+    march = TimeStepper(equilibrium, program, scheme, 1 / 1024, "follow")
     steps = list(march.steps())
     equilibrium.destroy()
     (loss,) = [s.loss for s in steps if s.loss]

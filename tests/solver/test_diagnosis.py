@@ -32,11 +32,9 @@ def failure(
 ) -> StepFailedError:  # fmt: skip
     """Return how a pull fails."""
     model.field.x.array[:] = 0
-    constraints, equilibrium = scenes.solver(model, grips, controls)
+    equilibrium = scenes.solver(model, grips, controls)
     program = program_of([ramp(0.0, displacement, 1.0, steps)])
-    march = TimeStepper(
-        model, constraints, equilibrium, program, SCHEMES["backward-euler"], smallest
-    )
+    march = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], smallest)
     with pytest.raises(StepFailedError) as caught:
         list(march.steps())
     equilibrium.destroy()
@@ -126,7 +124,7 @@ def diagnosis_of(model: Model, reason: str) -> Diagnosis:
     _, equilibrium = scenes.solver(model)
     state = model.field.x.array.copy()
     outcome = SolveResult(False, reason, 25, 1.0)
-    found = diagnose(model, equilibrium, outcome, state)
+    found = diagnose(equilibrium, outcome, state)
     equilibrium.destroy()
     return found
 

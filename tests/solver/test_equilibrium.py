@@ -27,10 +27,11 @@ def bonded(numerics: Numerics, mesh_size: float = 0.05) -> Model:
 def one_step(
     model: Model, displacement: float, controls: SolverOptions | None = None
 ) -> tuple[SolveResult, dict[str, tuple[float, float]]]:
-    constraints, equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, controls=controls)
+    constraints = equilibrium.problem.constraints
     constraints.set(displacement)
     outcome = equilibrium.solve()
-    reactions = constraints.reactions(equilibrium.force)
+    reactions = constraints.reactions(equilibrium.problem.force)
     equilibrium.destroy()
     return outcome, reactions
 
@@ -82,25 +83,27 @@ def test_convergence_is_judged_by_the_forces_of_the_state_not_of_the_way_there()
     on = scenes.sheet(1.0, 0.25, 0.125, "right", fibres=(0.0, pi / 2))
     model = scenes.model(on, scenes.BONDED, CUBIC, values, rotation_edges=("left",))
     grips = (Grip("left", (Held(), Held())), Grip("right", (None, Held(1.0))))
-    constraints, equilibrium = scenes.solver(model, grips)
+    equilibrium = scenes.solver(model, grips)
+    constraints = equilibrium.problem.constraints
     for deflection in (0.3, 0.5):
         constraints.set(deflection)
         outcome = equilibrium.solve()
         assert outcome.converged
-        assert outcome.residual < 1e-6 * np.linalg.norm(equilibrium.force)
+        assert outcome.residual < 1e-6 * np.linalg.norm(equilibrium.problem.force)
     equilibrium.destroy()
 
 
 def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> None:
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.05), scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
+    constraints = equilibrium.problem.constraints
     energies: list[float] = []
 
     def watch(*_: object) -> None:
         if not constraints.unmet(model.field):
             energies.append(scenes.energy(model))
 
-    equilibrium._newton.snes.setMonitor(watch)
+    equilibrium.newton.snes.setMonitor(watch)
     constraints.set(0.15)
     assert equilibrium.solve().converged
     assert len(energies) > 3
@@ -111,7 +114,7 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
 def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
     controls = SolverOptions(options={"ksp_type": "gmres"})
     _, equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
-    found = equilibrium.factor.method[0]
+    found = equilibrium.linear.method[0]
     equilibrium.destroy()
     _, plain = scenes.solver(bonded(scenes.PROTOTYPE, 0.15))
     later = plain.factor.method[0]

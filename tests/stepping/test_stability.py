@@ -45,10 +45,8 @@ def march(
     """Return the steps, the field at each, and the error that ended the march."""
     model.field.x.array[:] = 0
     controls = SolverOptions(descend=treatment == "follow", seed=seed)
-    constraints, equilibrium = scenes.solver(model, grips, controls)
-    marching = TimeStepper(
-        model, constraints, equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment
-    )
+    equilibrium = scenes.solver(model, grips, controls)
+    marching = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment)
     steps, fields, failure = [], [], None
     try:
         for step in marching.steps():

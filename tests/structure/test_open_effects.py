@@ -21,7 +21,7 @@ from wovenfab.record.stored_fields import read_fields
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Stopwatch
 from wovenfab.simulation.run import run
-from wovenfab.simulation.simulation import simulation_of
+from wovenfab.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
 CASE = """\
@@ -54,9 +54,9 @@ def results(name: str, text: str, folder: Path) -> Path:
     path = folder / f"{name}.yaml"
     path.write_text(text)
     case = read_case(path)
-    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
+    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
         directory = open_results(folder / name, comm=MPI.COMM_SELF)
-        assert run(case, rig, directory, lambda _: None, Stopwatch()).failure is None
+        assert run(simulation, directory, lambda _: None, Stopwatch())[0].failure is None
     return directory
 
 

@@ -44,10 +44,10 @@ def pushed(
 ) -> tuple[list[Step], StabilityLoss | None]:
     """Return the steps to a shortening (m), and the loss of stability that stopped them."""
     controls = SolverOptions(descend=treatment == "follow")
-    constraints, equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    equilibrium = scenes.solver(model, scenes.PUSH, controls)
     program = program_of([ramp(0.0, shortening, 1.0, steps)])
     scheme = SCHEMES["backward-euler"]
-    march = TimeStepper(model, constraints, equilibrium, program, scheme, smallest, treatment)
+    march = TimeStepper(equilibrium, program, scheme, smallest, treatment)
     found, loss = [], None
     try:
         for step in march.steps():

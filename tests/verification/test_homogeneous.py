@@ -174,7 +174,7 @@ def test_turning_both_grips_together_needs_no_force() -> None:
     scenes.set_field(exact, lambda x: np.array([-x[0] - x[1], x[0] - x[1]]))
     assert model.field.x.array == pytest.approx(exact.x.array, abs=1e-9)
     needed = 1.27e8 * WIDTH  # what a stretch of one would need
-    assert np.abs(equilibrium.force).max() < 1e-12 * needed
+    assert np.abs(equilibrium.problem.force).max() < 1e-12 * needed
     equilibrium.destroy()
 
 

@@ -15,6 +15,7 @@ from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import Problem
 
 STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
 STRETCHED = {"stretch": {"stiffness": (STIFFNESS, STIFFNESS)}, "shear": {"stiffness": 400.0}}
@@ -30,10 +31,10 @@ def strip(values: dict, loads: tuple[EdgeLoad, ...] = ()) -> Model:
 def solve(model: Model, grips: tuple[Grip, ...], program: float) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) of one step from rest."""
     constraints = Constraints(model.placements, model.sheet, grips)
-    equilibrium = EquilibriumSolver(model, constraints, SolverOptions(tolerance=1e-12))
+    equilibrium = EquilibriumSolver(Problem(model, constraints), SolverOptions(tolerance=1e-12))
     constraints.set(program)
     assert equilibrium.solve().converged
-    reactions = constraints.reactions(equilibrium.force)
+    reactions = constraints.reactions(equilibrium.problem.force)
     equilibrium.destroy()
     return reactions
 

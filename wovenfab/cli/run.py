@@ -36,7 +36,7 @@ def run_case(
         voice.progress(Progress("loading"))
         _start_petsc(petsc)
         from wovenfab.simulation.run import run
-        from wovenfab.simulation.simulation import simulation_of
+        from wovenfab.simulation.simulation import Simulation
 
         watch = Stopwatch()
         watch.seconds["import"] = time.perf_counter() - started
@@ -54,28 +54,28 @@ def run_case(
                 case, sheet = found.case, found.sheet
             voice.progress(Progress("compiling the effects"))
             with watch.phase("compile"):
-                rig = stack.enter_context(simulation_of(case, sheet))
+                simulation = stack.enter_context(Simulation(case, sheet))
             open_results(directory, overwrite)
         except (ResultsExistError, OSError) as error:
             voice.problem(str(error))
             return BAD_INPUT
         try:
-            result = run(case, rig, directory, voice.progress, watch)
+            outcome, summary = run(simulation, directory, voice.progress, watch)
         except BaseException as error:
             if not was_interrupted(error):
                 raise
             voice.problem(f"interrupted; the results so far are in {directory}")
             return INTERRUPTED
         if found is not None and wanted is not None:
-            report(found, wanted, result.summary, directory, voice)
+            report(found, wanted, summary, directory, voice)
     if case.output.pictures:
         warning = draw_in_subprocess(directory).warning
         if warning is not None:
             voice.say(f"warning: {warning}")
-    if result.failure is not None:
-        voice.problem(f"{result.failure}; the results before that are in {directory}")
+    if outcome.failure is not None:
+        voice.problem(f"{outcome.failure}; the results before that are in {directory}")
         return FAILED_STEP
-    _tell(voice, result.summary, directory)
+    _tell(voice, summary, directory)
     return 0
 
 

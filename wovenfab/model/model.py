@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -139,3 +140,15 @@ class Model:
     def dissipated_energy(self) -> dict[str, float]:
         """Return the energy (J) that each set-valued law dissipates in the step."""
         return self.shares(self.loss, [e.name for e in self.effects if e.set_valued])
+
+
+@contextmanager
+def preserved(*items: fem.Function | fem.Constant) -> Iterator[None]:
+    """Restore fields (ghosts included) and constants at the end, also after an exception."""
+    arrays = [item.x.array if isinstance(item, fem.Function) else item.value for item in items]
+    before = [array.copy() for array in arrays]
+    try:
+        yield
+    finally:
+        for array, values in zip(arrays, before, strict=True):
+            array[...] = values

@@ -36,7 +36,6 @@ from wovenfab.sheet.gmsh_io import from_file, graded_rectangle, outline_from_fil
 from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.sheet.structured import rectangle
-from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
@@ -226,18 +225,13 @@ def _families_of(edge: EdgeCondition) -> tuple[int, ...]:
     return tuple(family - 1 for family in edge.families)
 
 
-def equilibrium_of(case: Case, model: Model, constraints: Constraints) -> EquilibriumSolver:
-    """Return the solver of a case."""
-    return EquilibriumSolver(model, constraints, controls_of(case))
-
-
-def controls_of(case: Case) -> SolverOptions:
+def options_of(case: Case) -> SolverOptions:
     """Return how a case has equilibrium sought."""
     s = case.solver
-    controls = SolverOptions(
+    options = SolverOptions(
         s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
     )
-    return controls if s.factor == "kept" else replace(controls, keep_from=inf)
+    return options if s.factor == "kept" else replace(options, keep_from=inf)
 
 
 def scheme_of(case: Case) -> Scheme:

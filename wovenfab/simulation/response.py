@@ -15,7 +15,8 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.peak_force import upper_peak_force
 from wovenfab.simulation.prolongation import Prolongation
-from wovenfab.simulation.simulation import simulation_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]
 #: Fewest steps of a segment or cycle.
@@ -88,33 +89,33 @@ def response_of(
     every = case.time.tolerance is not None
     rows: list[tuple[float, float, float, float]] = []
     states: dict[float, Array] = {}
-    iterations, tangents, cutbacks = 0, 0, 0
-    with simulation_of(case, sheet) as rig:
-        field = rig.model.field.x.array
-        largest, highest = field.copy(), 0.0
-        start = None if near is None else Prolongation(near.states, near.model, rig.model)
+    with Simulation(case, sheet) as simulation:
+        field = simulation.model.field.x.array
+        largest = [field.copy()]
+        start = None if near is None else Prolongation(near.states, near.model, simulation.model)
         if start is not None:
-            rig.march.begin_near(start.guess)
-        begun = perf_counter()
-        for step in rig.march.steps():
-            iterations += step.iterations
-            tangents += step.tangents
-            cutbacks += step.cutbacks
+            simulation.stepper.start_from(start.guess)
+
+        def observe(step: Step) -> None:
             if step.milestone is None and not every:
-                continue
-            force, _ = rig.force(step.reactions)
-            rows.append((step.time, step.displacement, force, sum(step.dissipated.values())))
-            if abs(force) > highest:
-                largest, highest = field.copy(), abs(force)
+                return
+            if abs(step.force) > max((abs(row[2]) for row in rows), default=0.0):
+                largest[0] = field.copy()
+            rows.append((step.time, step.displacement, step.force, sum(step.dissipated.values())))
             if start is not None:
                 start.accept(step.time)
             if keep:
                 states[step.time] = field.copy()
+
+        begun = perf_counter()
+        outcome = simulation.run(observe)
         seconds = perf_counter() - begun
-        field[:] = largest
+        if outcome.failure is not None:
+            raise outcome.failure
+        field[:] = largest[0]
     times, displacements, forces, dissipated = np.array(rows).T
-    effort = iterations, tangents, seconds, cutbacks
-    return Response(times, displacements, forces, dissipated, *effort, rig.model, states)
+    effort = outcome.iterations, outcome.tangents, seconds, outcome.cutbacks
+    return Response(times, displacements, forces, dissipated, *effort, simulation.model, states)
 
 
 def discretised(case: Case, **changes: object) -> Case:

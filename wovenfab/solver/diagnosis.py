@@ -60,7 +60,7 @@ LOCKED = 0.1
 
 @dataclass(frozen=True)
 class Location:
-    """A quadrature point, of a cell or on its edges, in the last equilibrium.
+    """A quadrature point, of a cell or on its edges, in the last solver.
 
     Attributes:
         x, y: Position at rest, m.
@@ -107,28 +107,27 @@ class Diagnosis:
         return f"Probable cause: {self.cause}. Worst point: {self.place}. Remedy: {self.remedy}"
 
 
-def diagnose(
-    model: Model, equilibrium: EquilibriumSolver, outcome: SolveResult, before: Array
-) -> Diagnosis:
+def diagnose(solver: EquilibriumSolver, result: SolveResult, before: Array) -> Diagnosis:
     """Return what is known of a failed solve; collective.
 
     Args:
-        model: Its field is the failed iterate; it is left with the last equilibrium.
-        equilibrium: The solver, as the failure left it.
-        outcome: How it ended.
+        solver: The solver as the failure left it. The field of its problem is the failed
+            iterate; it is left with the last solver.
+        result: How it ended.
         before: The last equilibrium (all unknowns of this rank, ghosts included), m.
     """
-    barrier, comm = equilibrium.barrier, model.comm
-    if broken := _not_numbers(model, equilibrium):
+    model, crossing = solver.problem.model, solver.crossing
+    comm = model.comm
+    if broken := _not_numbers(solver):
         names, scores = broken
         model.field.x.array[:] = before
         cause = f"the energy of {names} is not a number there"
         remedy = "take smaller steps, or mend the formula or the effect"
-        return Diagnosis(cause, remedy, _place(model, equilibrium, scores))
-    motion = np.nan_to_num(barrier.motion())
+        return Diagnosis(cause, remedy, _place(solver, scores))
+    motion = np.nan_to_num(crossing.motion())
     model.field.x.array[:] = before
-    margins = barrier.margins()
-    tangent = equilibrium.tangent()
+    margins = crossing.margins()
+    tangent = solver.tangent()
     pivots = pivots_of(tangent)
     if pivots.null:
         start = tangent.createVecRight()
@@ -137,15 +136,13 @@ def diagnose(
         start.destroy()
         cause = "the stiffness is singular: something moves there and no effect resists it"
         remedy = "hold more edges, or add an effect that resists, such as shear"
-        return Diagnosis(cause, remedy, _place(model, equilibrium, _spread(loose, motion)))
+        return Diagnosis(cause, remedy, _place(solver, _spread(loose, motion)))
     least = float(comm.allreduce(float(margins.min(initial=np.inf)), op=MPI.MIN))
-    cause, remedy = _named(model, equilibrium, outcome, pivots, least)
-    return Diagnosis(
-        cause, remedy, _place(model, equilibrium, -margins if least < LOCKED else motion)
-    )
+    cause, remedy = _named(solver, result, pivots, least)
+    return Diagnosis(cause, remedy, _place(solver, -margins if least < LOCKED else motion))
 
 
-def unsound_penalty(model: Model, equilibrium: EquilibriumSolver) -> Diagnosis | None:
+def unsound_penalty(solver: EquilibriumSolver) -> Diagnosis | None:
     """Return what is wrong with a user's penalty if it makes the sheet unstable at rest.
 
     All energies are convex at rest, so that only the facet terms can make the tangent
@@ -153,24 +150,26 @@ def unsound_penalty(model: Model, equilibrium: EquilibriumSolver) -> Diagnosis |
     if they are found at all, mean nothing.
 
     Args:
-        model: Its field is the reference state.
-        equilibrium: Its solver, after a solve that began there.
+        solver: After a solve that began at the reference state, which the field of its problem
+            is again.
     """
+    model = solver.problem.model
     given = model.balance.penalty
-    if given is None or not equilibrium.saddle_at_start:
+    if given is None or not solver.saddle_at_start:
         return None
     if not model.balance.second_gradient or float(given.value) >= proven_penalty(model):
         return None
     cause, remedy = _too_small(model, float(given.value))
-    return Diagnosis(cause, remedy, _place(model, equilibrium, equilibrium.barrier.motion()))
+    return Diagnosis(cause, remedy, _place(solver, solver.crossing.motion()))
 
 
 def _named(
-    model: Model, equilibrium: EquilibriumSolver, outcome: SolveResult, pivots: Pivots, least: float
+    solver: EquilibriumSolver, result: SolveResult, pivots: Pivots, least: float
 ) -> tuple[str, str]:
     """Return cause and remedy of a failure that leaves numbers and a regular tangent."""
-    if outcome.reason == "DIVERGED_LINEAR_SOLVE":
-        status = equilibrium.factor.status
+    model = solver.problem.model
+    if result.reason == "DIVERGED_LINEAR_SOLVE":
+        status = solver.linear.status
         return (
             f"the factorisation failed{f' (status {status} of MUMPS)' if status else ''} though "
             "the stiffness is regular, as for want of memory",
@@ -192,8 +191,7 @@ def _named(
             "push less, or hold or stiffen what gives way",
         )
     return (
-        f"the step is too large: Newton's method has not settled (iterations: "
-        f"{outcome.iterations})",
+        f"the step is too large: Newton's method has not settled (iterations: {result.iterations})",
         "plan more steps, or raise solver.max_iterations or lower time.smallest_step",
     )
 
@@ -207,11 +205,12 @@ def _too_small(model: Model, given: float) -> tuple[str, str]:
     )
 
 
-def _not_numbers(model: Model, equilibrium: EquilibriumSolver) -> tuple[str, Array] | None:
+def _not_numbers(solver: EquilibriumSolver) -> tuple[str, Array] | None:
     """Return which effects give no number in the present state, and a score of where."""
-    points, comm = equilibrium.barrier.points, model.comm
+    model = solver.problem.model
+    points, comm = solver.crossing.points, model.comm
     cells = np.arange(model.sheet.mesh.topology.index_map(2).size_local, dtype=np.int32)
-    forces = _by_cell(model, (~np.isfinite(equilibrium.force)).astype(float))
+    forces = _by_cell(model, (~np.isfinite(solver.problem.force)).astype(float))
     scores = np.repeat(forces[:, None], len(points), axis=1)
     if not comm.allreduce(bool(scores.any()), op=MPI.LOR):
         return None
@@ -239,13 +238,14 @@ def _spread(by_cell: Array, like: Array) -> Array:
     return np.broadcast_to(by_cell[:, None], like.shape)
 
 
-def _place(model: Model, equilibrium: EquilibriumSolver, scores: Array) -> Location:
+def _place(solver: EquilibriumSolver, scores: Array) -> Location:
     """Return the point with the highest score of all ranks; collective."""
+    model = solver.problem.model
     probe = FieldProbe(
-        model, ("shear_angle", "stretch", "relative_displacement"), equilibrium.barrier.points
+        model, ("shear_angle", "stretch", "relative_displacement"), solver.crossing.points
     )
     values, positions = probe.values(), probe.positions()
-    margins = equilibrium.barrier.margins()
+    margins = solver.crossing.margins()
     best = scores.max(initial=-np.inf)
     found = None
     if scores.size:

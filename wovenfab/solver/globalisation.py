@@ -84,7 +84,7 @@ class CrossingLimit:
     """Watches the sign of f_1 × f_2 at the quadrature points of a model.
 
     Attributes:
-        step: Change of the model's field that :meth:`limit` and :meth:`motion` judge, m.
+        direction: Change of the model's field that was judged last, m.
         points: Reference points of a cell, shape (n, 2).
     """
 
@@ -92,9 +92,9 @@ class CrossingLimit:
         """Compile the evaluation of f_1 and f_2 for the model's field and for steps."""
         mesh = model.sheet.mesh
         fibres = model.balance.fibres
-        self._comm = mesh.comm
+        self._comm, self._own = mesh.comm, model.placements.owned
         self._orientation = float(np.sign(np.linalg.det(model.sheet.fibres)))
-        self.step = fem.Function(model.space)
+        self.direction = fem.Function(model.space)
         self.points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
         cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
         self._state = _Probe(
@@ -103,20 +103,28 @@ class CrossingLimit:
             mesh,
         )
         self._change = _Probe(
-            compile_expression(_flat(point_variation(self.step, fibres, False)[:2]), self.points),
+            compile_expression(
+                _flat(point_variation(self.direction, fibres, False)[:2]), self.points
+            ),
             cells,
             mesh,
         )
 
     def derivatives(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return f_1, f_2 and their changes by ``step`` at all own points, shape (n, 2, 2)."""
+        """Return f_1, f_2 and their changes by ``direction`` at all own points, shape (n, 2, 2)."""
         return self._state.values(), self._change.values()
 
-    def limit(self) -> float:
-        """Return the step length (of ``field + s step``) at which families first align.
+    def limit(self, direction: NDArray[np.float64]) -> float:
+        """Return the step length s (of ``field + s direction``) at which families first align.
 
         Collective; infinite if they never do.
+
+        Args:
+            direction: Change of this rank's own unknowns at least, m.
         """
+        own = self._own
+        self.direction.x.array[:own] = direction[:own]
+        self.direction.x.scatter_forward()
         crossings = first_crossing(*self.derivatives(), self._orientation)
         mine = float(crossings.min(initial=np.inf))
         return float(self._comm.allreduce(mine, op=MPI.MIN))
@@ -133,7 +141,7 @@ class CrossingLimit:
         return sines.reshape(-1, len(self.points))
 
     def motion(self) -> NDArray[np.float64]:
-        """Return how much ``step`` changes f_1 and f_2 (norm), shape (own cells, points)."""
+        """Return how much ``direction`` changes f_1 and f_2 (norm), shape (own cells, points)."""
         sizes: NDArray[np.float64] = np.linalg.norm(self._change.values(), axis=(1, 2))
         return sizes.reshape(-1, len(self.points))
 
@@ -210,7 +218,7 @@ class LineSearch:
             noise: Returns by how much a potential (J) may seem to rise by rounding alone, J.
             loose: Whether a whole step may rise a little from the lowest potential so far.
         """
-        model, step = self._system.model, self._barrier.step
+        model, step = self._system.model, self._barrier.direction
         field, start = model.field.x.array, self._start
         start[:] = field
         before = self.measure() if self.potential is None else self.potential

@@ -1,6 +1,6 @@
 """PETSc's nonlinear solver as it is used here, with the options of a case.
 
-Newton's method on the incremental potential of a system, by PETSc's SNES.
+Newton's method on the incremental potential of a problem, by PETSc's SNES.
 
 SNES calls back for residual and Jacobian; before it takes a step, the step is cut
 to stay admissible (no crossing of the families) and then, once the prescribed
@@ -12,7 +12,6 @@ far from the paraboloid that the whole tangent is of.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from wovenfab.model.constraints import Constraints
 from wovenfab.solver.convergence import Convergence, largest_cell
 from wovenfab.solver.globalisation import CROSSING_SHARE, CrossingLimit, LineSearch
 from wovenfab.solver.linear import LinearSolver, TangentReuse, distance_over
@@ -116,8 +114,8 @@ class NewtonSolver:
 
     def __init__(
         self,
-        system: Problem,
-        constraints: Constraints,
+        problem: Problem,
+        matrix: Any,
         controls: SolverOptions,
         factor: LinearSolver,
         barrier: CrossingLimit,
@@ -125,29 +123,30 @@ class NewtonSolver:
         """Create vectors and SNES.
 
         Args:
-            system: Residual, tangent and potential.
-            constraints: Its prescribed placements.
+            problem: Residual, tangent and potential.
+            matrix: For its tangent.
             controls: Tolerances and alternatives.
             factor: Solves the linear systems.
             barrier: Where the families would cross.
         """
-        self.system, self.controls, self.factor, self.barrier = system, controls, factor, barrier
-        self.solution = system.residual.duplicate()
+        self.problem, self.controls, self.factor, self.barrier = problem, controls, factor, barrier
+        self.solution = problem.residual.duplicate()
+        self._matrix = matrix
         self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
         # The last solution, where the solve began, and where the tangent was formed.
         self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
         self._chord, self._left = TangentReuse(), np.inf  # share of the forces left by a step
-        self._convergence = Convergence(controls.tolerance, largest_cell(system.model.sheet.mesh))
-        self._search = LineSearch(system, barrier)
+        self._convergence = Convergence(controls.tolerance, largest_cell(problem.model.sheet.mesh))
+        self._search = LineSearch(problem, barrier)
         self._most = controls.max_iterations
-        self.snes = create_snes(system.model.comm, controls, factor)
-        self.snes.setFunction(self.evaluate_residual, system.residual)
-        self.snes.setJacobian(self.evaluate_jacobian, system.matrix)
+        self.snes = create_snes(problem.model.comm, controls, factor)
+        self.snes.setFunction(self.evaluate_residual, problem.residual)
+        self.snes.setJacobian(self.evaluate_jacobian, matrix)
         self.snes.setObjective(self.evaluate_objective)
         self.snes.setLineSearchPreCheck(self.limit_step)
         self.snes.setConvergenceTest(self.test)
-        start = start_vector(system.model.placements, constraints.bcs, controls.seed)
-        self.inertia = TangentSpectrum(factor, system.matrix, self.assemble_tangent, start)
+        start = start_vector(problem.model.placements, problem.constraints.bcs, controls.seed)
+        self.inertia = TangentSpectrum(factor, matrix, self.assemble_tangent, start)
 
     def solve(self, most: int) -> int:
         """Solve from the model's present field; return PETSc's reason.
@@ -157,52 +156,43 @@ class NewtonSolver:
         Args:
             most: Number of iterations.
         """
-        system = self.system
-        self.solution.array_w[:] = system.model.field.x.array[: self.solution.getLocalSize()]
+        problem = self.problem
+        self.solution.array_w[:] = problem.model.field.x.array[: self.solution.getLocalSize()]
         self.norm, self.tangents, self._most = np.nan, 0, most
         self._began[:] = self.solution.array_r
-        self._before[:] = system.model.last.x.array[: self._before.size]
-        system.begin()
+        self._before[:] = problem.model.last.x.array[: self._before.size]
+        problem.begin()
         self._search.begin()
         self._chord.begin()
         self.inertia.restart()
         # Descents meet tangents that are not, and carried stress changes them too much.
-        self.factor.definite = not (self.controls.descend or system.carried)
+        self.factor.definite = not (self.controls.descend or problem.point_stress)
         if self.factor.status < 0:
             self.factor.forget()
-        if system.carried:
-            system.carried.begin(system.size_of_tangent)
+        if problem.point_stress:
+            problem.point_stress.begin(lambda: problem.size_of_tangent(self._matrix))
         self.snes.solve(None, self.solution)
-        system.load(self.solution)
+        problem.load(self.solution)
         return int(self.snes.getConvergedReason())
 
     def judge(self) -> int:
         """Return the number of negative eigenvalues at a solution, by which others are judged."""
         moved = self.snes.getIterationNumber() > 0
         negatives = self.inertia.judge(self._way_from(self._assembled) if moved else np.inf)
-        self._convergence.accept(self.system.force_norm, self._search.potential or 0.0)
+        self._convergence.accept(self.problem.force_norm, self._search.potential or 0.0)
         return negatives
-
-    def watch(self, tell: Callable[[], None]) -> None:
-        """Call ``tell`` on every rank at each iterate, with the model's field set to it."""
-
-        def look(snes: Any, *_: Any) -> None:
-            self.system.load(snes.getSolution())
-            tell()
-
-        self.snes.setMonitor(look)
 
     def assemble_tangent(self) -> None:
         """Put the tangent of the model's present field in the matrix, the plain one."""
-        model = self.system.model
+        model = self.problem.model
         model.last.x.array[:] = model.field.x.array
         self.solution.array_w[:] = model.field.x.array[: self.solution.getLocalSize()]
         self.form_tangent(self.solution)
 
     def evaluate_residual(self, snes: Any, x: Any, b: Any) -> None:
         """Put the residual in ``b``."""
-        self.system.load(x)
-        self.system.evaluate_residual(b)
+        self.problem.load(x)
+        self.problem.evaluate_residual(b)
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         """Put the tangent in the matrix, unless that of the last step serves once more."""
@@ -214,30 +204,32 @@ class NewtonSolver:
 
     def form_tangent(self, x: Any) -> None:
         """Put the tangent in the matrix."""
-        self.system.load(x)
+        self.problem.load(x)
         self._assembled[:] = x.array_r
-        size = self.system.evaluate_tangent()
+        size = self.problem.evaluate_tangent(self._matrix)
         self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
 
     def evaluate_objective(self, snes: Any, x: Any) -> float:
         """Return the potential, J."""
-        self.system.load(x)
-        return self.system.energy()
+        self.problem.load(x)
+        return self.problem.energy()
 
     def limit_step(self, x: Any, y: Any) -> bool:
         """Shorten the step so that x - y is admissible and lowers the potential."""
-        self.system.load(x)
+        self.problem.load(x)
         if not self.snes.getIterationNumber():
             self.saddle_at_start = self.inertia.saddle
             self.inertia.begin()
-        if self.system.attained and self.controls.descend:
+        if self.problem.attained and self.controls.descend:
             self.inertia.descend(self.snes.getFunction()[0], y)
-        self.system.model.last.x.array[:] = self.system.model.field.x.array
-        inside = self.system.carried.correct(self.factor, y) if self.system.carried else 1.0
+        self.problem.model.last.x.array[:] = self.problem.model.field.x.array
+        inside = (
+            self.problem.point_stress.correct(self.factor, y) if self.problem.point_stress else 1.0
+        )
         length = min(inside, self._limit(y))
-        if self.system.carried:
-            self.system.carried.go(length)
-        elif self.system.attained and self.controls.line_search:
+        if self.problem.point_stress:
+            self.problem.point_stress.go(length)
+        elif self.problem.attained and self.controls.line_search:
             length = self._go_down(x, y, length)
         else:
             self._search.forget()
@@ -250,12 +242,12 @@ class NewtonSolver:
         residual = norms[2]
         self._left = residual / self.norm if iteration and self.norm else np.inf
         self.norm = residual
-        if not np.isfinite([residual, self.system.force_norm]).all():
+        if not np.isfinite([residual, self.problem.force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
-        if self.system.attained and self._is_lawful():
+        if self.problem.attained and self._is_lawful():
             reason = self._convergence.reason(
                 residual,
-                self.system.force_norm,
+                self.problem.force_norm,
                 self._search.decrement,
                 self._search.potential or 0.0,
                 self._left if self._chord.taken else None,
@@ -275,11 +267,9 @@ class NewtonSolver:
         self.solution.destroy()
 
     def _limit(self, y: Any) -> float:
-        """Return the largest admissible length of a step, and show it to the barrier."""
-        step = self.barrier.step.x
-        step.array[: y.getLocalSize()] = -y.array_r
-        step.scatter_forward()
-        return CROSSING_SHARE * self.barrier.limit() if self.controls.step_limit else 1.0
+        """Return the largest admissible length of a step; the limit keeps its direction."""
+        limit = CROSSING_SHARE * self.barrier.limit(-y.array_r)
+        return limit if self.controls.step_limit else 1.0
 
     def _go_down(self, x: Any, y: Any, longest: float) -> float:
         """Return a step length that lowers the potential, of another step if need be."""
@@ -288,7 +278,7 @@ class NewtonSolver:
         length = search.along(force.dot(y), longest, noise, loose=not self.inertia.saddle)
         if length == longest or not self.inertia.saddle:
             return length
-        whole = self.system.model.whole
+        whole = self.problem.model.whole
         whole.value = 0.0
         self.form_tangent(x)
         whole.value = 1.0
@@ -301,7 +291,7 @@ class NewtonSolver:
 
     def _is_lawful(self) -> bool:
         """Return whether the carried stresses meet their laws."""
-        carried, tolerance = self.system.carried, self.controls.tolerance
+        carried, tolerance = self.problem.point_stress, self.controls.tolerance
         return carried is None or carried.settled(tolerance, self._scale_of_energy)
 
     def _scale_of_energy(self) -> float:
@@ -319,4 +309,4 @@ class NewtonSolver:
     def _way_from(self, place: NDArray[np.float64]) -> float:
         """Return how far a place is from here, over the way from the last solution; collective."""
         now = self.solution.array_r
-        return distance_over(self.system.model.comm, now, place, self._before)
+        return distance_over(self.problem.model.comm, now, place, self._before)

@@ -19,12 +19,13 @@ TANGENT = "Tangent"
 
 
 class Problem:
-    """What balances: its vectors and its matrix are made once.
+    """The equilibrium of a model under its constraints; vectors are created once.
 
     Attributes:
-        model: Its forms; those that carry stress may take the place of the plain ones.
-        carried: The stress of friction that is carried at quadrature points, or None.
-        matrix: The tangent (N/m), with prescribed rows of one.
+        model: The forms that are solved. Friction with stress at quadrature points may take
+            the place of the smooth law; fields and constants stay the same objects.
+        constraints: Prescribed placements.
+        point_stress: The friction stress at quadrature points, or None.
         residual: Vector for forces, N.
         force: Internal force at this rank's unknowns at the last residual, before boundary
             conditions, N.
@@ -32,20 +33,17 @@ class Problem:
         attained: Whether the field has the prescribed placements.
     """
 
-    def __init__(self, model: Model, constraints: Constraints, upper: bool) -> None:
-        """Create matrix and vectors.
+    def __init__(self, model: Model, constraints: Constraints) -> None:
+        """Create the vectors; collective.
 
         Args:
             model: The compiled model.
             constraints: Its prescribed placements.
-            upper: Whether the matrix is stored by its upper half.
         """
-        self.model = model
-        self.carried: PointStress | None = None
-        self._constraints = constraints
+        self.model, self.constraints = model, constraints
+        self.point_stress: PointStress | None = None
         self.residual = model.field.x.petsc_vec.duplicate()  # ghosted
         self._diagonal = self.residual.duplicate()
-        self.matrix = create_matrix(model.jacobian, upper=upper)
         self.force: NDArray[np.float64] = np.zeros(self.residual.getLocalSize())
         self.force_norm = 0.0
         self.attained = False
@@ -58,18 +56,18 @@ class Problem:
 
     def begin(self) -> None:
         """Look whether the field has the prescribed placements already."""
-        self.attained = not self._constraints.unmet(self.model.field)
+        self.attained = not self.constraints.unmet(self.model.field)
 
     def evaluate_residual(self, b: Any) -> None:
         """Put the forces in b, with the prescribed values lifted so that one step attains them."""
         if not self.attained:
             self.begin()
-        if self.carried:
-            self.carried.prepare_force(self.attained)
+        if self.point_stress:
+            self.point_stress.prepare_force(self.attained)
         self._assemble_force(b)
         self.force = np.array(b.array_r)
         self.force_norm = b.norm()
-        bcs, at = self._constraints.bcs, self.model.field.x.petsc_vec
+        bcs, at = self.constraints.bcs, self.model.field.x.petsc_vec
         if not self.attained:
             with b.localForm() as local:
                 local.array_w[b.getLocalSize() :] = 0.0
@@ -83,19 +81,36 @@ class Problem:
         self._assemble_force(self.residual)
         return np.array(self.residual.array_r)
 
-    def evaluate_tangent(self) -> float:
+    def create_tangent(self, upper: bool) -> Any:
+        """Return a matrix for the tangent (N/m), with prescribed rows of one; collective.
+
+        Args:
+            upper: Whether it is stored by its upper half.
+        """
+        return create_matrix(self.model.jacobian, upper=upper)
+
+    def evaluate_tangent(self, matrix: Any) -> float:
         """Assemble the tangent of the present field; return its size, N/m."""
         with PETSc.Log.Event(TANGENT):
-            if self.carried:
-                self.carried.prepare_tangent()
-            size = self.size_of_tangent()
-        return self.carried.diagonal if self.carried else size
+            if self.point_stress:
+                self.point_stress.prepare_tangent()
+            size = self.size_of_tangent(matrix)
+        return self.point_stress.diagonal if self.point_stress else size
 
-    def size_of_tangent(self) -> float:
+    def size_of_tangent(self, matrix: Any) -> float:
         """Assemble the tangent for stresses as they are; return its diagonal's size, N/m."""
-        assemble_matrix(self.matrix, self.model.jacobian, self._constraints.bcs)
-        self.matrix.getDiagonal(self._diagonal)
+        assemble_matrix(matrix, self.model.jacobian, self.constraints.bcs)
+        matrix.getDiagonal(self._diagonal)
         return float(self._diagonal.norm())
+
+    def reactions(self) -> dict[str, tuple[float, float]]:
+        """Return the force (N; x, y) of each held edge at the last residual; collective."""
+        return self.constraints.reactions(self.force)
+
+    def prescribe(self, program: float, share: float = 1.0) -> None:
+        """Prescribe placements and dead loads for a program value (m), or a share of them."""
+        self.constraints.set(program, share)
+        self.model.loading.set(program, share)
 
     def energy(self) -> float:
         """Return the incremental potential (J) of the model's present field; collective."""
@@ -109,11 +124,11 @@ class Problem:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self.matrix, self.residual, self._diagonal):
+        for item in (self.residual, self._diagonal):
             item.destroy()
 
     def _assemble_force(self, b: Any) -> None:
         assemble_vector(b, self.model.residual)
-        if self.carried:
-            self.carried.add_force(b)
+        if self.point_stress:
+            self.point_stress.add_force(b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

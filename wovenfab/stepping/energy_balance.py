@@ -1,7 +1,4 @@
-"""Forces and powers at one time, of which work and losses are summed.
-
-Work and losses since the start, summed over accepted steps.
-"""
+"""Work and dissipated energy since the start, summed over accepted steps."""
 
 from __future__ import annotations
 
@@ -11,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.constraints import Constraints
-from wovenfab.model.model import Model
+from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State
@@ -51,89 +47,84 @@ class Forces:
 
 
 class EnergyBalance:
-    """What was put into a model and what it lost.
+    """Work done on a sheet and energy dissipated in it.
 
     Attributes:
         work: External work, J.
         dissipated: Dissipated energy (J) by effect.
-        dissipated_error: Of all dissipated energy by the errors of steps, J.
+        dissipated_error: Estimated error of all dissipated energy by the time steps, J.
         forces: Those at the last accepted state.
-        error: Error of the last step in time, where it was measured.
+        error: Estimated error of the last step in time, where it was measured.
     """
 
-    def __init__(
-        self, model: Model, constraints: Constraints, equilibrium: EquilibriumSolver, scheme: Scheme
-    ) -> None:
-        """Begin with nothing.
+    def __init__(self, solver: EquilibriumSolver, scheme: Scheme) -> None:
+        """Start with zero.
 
         Args:
-            model: The compiled model.
-            constraints: Its prescribed placements.
-            equilibrium: Its solver.
+            solver: Solver of the problem.
             scheme: The time scheme.
         """
-        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
-        self._stage = scheme.stage
+        model = solver.problem.model
+        self._solver, self._model, self._stage = solver, model, scheme.stage
         self.work = self.dissipated_error = 0.0
         self.dissipated = {e.name: 0.0 for e in model.effects if e.dissipative}
         self.error: StepError | None = None
-        own, nothing = model.placements.owned, dict.fromkeys(self.dissipated, 0.0)
+        own, zero = model.placements.owned, dict.fromkeys(self.dissipated, 0.0)
         self._own = own
-        self.forces = Forces(np.zeros(own), np.zeros(own), nothing)
+        self.forces = Forces(np.zeros(own), np.zeros(own), zero)
 
     def begin(self) -> None:
-        """Know the forces of the state in which the program begins."""
-        force, load = self._equilibrium.force, self._model.loading.force()
+        """Take the forces of the present state as those at the start of the program."""
+        force, load = self._solver.problem.force, self._model.loading.force()
         self.forces = replace(self.forces, force=force, load=load)
 
-    def add(self, motion: State, until: float, jump: bool, error: StepError | None) -> None:
+    def add(self, state: State, until: float, jump: bool, error: StepError | None) -> None:
         """Add a step and finish it; collective.
 
         Args:
-            motion: At the solved stage state of the step.
+            state: At the solved stage state of the step.
             until: Time at its end, s.
             jump: The velocity jumped at its start.
             error: Its error in time, where that was measured.
         """
-        model, equilibrium = self._model, self._equilibrium
-        step = until - motion.time
-        plastic = equilibrium.plastic_force()
-        lost, loads = model.dissipated_power(), model.loading.force()
-        stage = Forces(equilibrium.force, loads, lost, plastic)
-        sudden = model.dissipated_energy()
-        change = motion.finish(until, jump)
-        now, mean = self._now_and_mean(stage, motion, jump)
+        model, problem = self._model, self._solver.problem
+        step = until - state.time
+        plastic = self._solver.plastic_force()
+        power, loads = model.dissipated_power(), model.loading.force()
+        stage = Forces(problem.force, loads, power, plastic)
+        set_valued = model.dissipated_energy()
+        change = state.finish(until, jump)
+        now, mean = self._now_and_mean(stage, state, jump)
         moved = change[: self._own]
-        self.work += self._constraints.work(mean.force, moved)
+        self.work += problem.constraints.work(mean.force, moved)
         self.work += float(model.comm.allreduce(mean.load @ moved))
-        for name, energy in sudden.items():
+        for name, energy in set_valued.items():
             self.dissipated[name] += energy / self._stage
-        for name, power in mean.power.items():
-            self.dissipated[name] += step * power
+        for name, mean_power in mean.power.items():
+            self.dissipated[name] += step * mean_power
         errors = [e.power if e else 0.0 for e in (self.error, error)]
         self.dissipated_error += step * sum(errors) / 2
         self.forces, self.error = now, error
 
-    def _now_and_mean(self, stage: Forces, motion: State, jump: bool) -> tuple[Forces, Forces]:
+    def _now_and_mean(self, stage: Forces, state: State, jump: bool) -> tuple[Forces, Forces]:
         """Return the forces at the end of a step and their mean over it."""
         if self._stage < 1:
-            force, load = self._equilibrium.evaluate_force(), self._model.loading.force()
+            force, load = self._solver.problem.evaluate_force(), self._model.loading.force()
             return Forces(force, load, stage.power), stage
-        return stage, self._mean_after_jump(stage, motion) if jump else self.forces.mean(stage)
+        return stage, self._mean_after_jump(stage, state) if jump else self.forces.mean(stage)
 
-    def _mean_after_jump(self, now: Forces, motion: State) -> Forces:
+    def _mean_after_jump(self, now: Forces, state: State) -> Forces:
         """Return the mean of a step whose velocity jumped at its start.
 
         Friction jumps with it to what it is at the end; all else is continuous.
         """
-        model, mean = self._model, self.forces.mean(now)
+        model, problem, mean = self._model, self._solver.problem, self.forces.mean(now)
         if not model.rate_weights:
             return mean
-        field, end = model.field.x.array, model.field.x.array.copy()
-        model.friction.value = 0.0
-        after = self._equilibrium.evaluate_force()
-        field[:] = motion.states[0]
-        before = self._equilibrium.evaluate_force()
-        field[:], model.friction.value = end, 1.0
+        with preserved(model.field, model.friction):
+            model.friction.value = 0.0
+            after = problem.evaluate_force()
+            model.field.x.array[:] = state.states[0]
+            before = problem.evaluate_force()
         loads = now.load - self.forces.load  # after and before have the same ones
         return replace(mean, force=now.force + (before - after + loads) / 2, power=now.power)

@@ -1,7 +1,4 @@
-"""Where stability is lost: the mode, and the way from the saddle to a minimum beside it.
-
-What a march does where an equilibrium is no minimum: stop, follow the branch, or ignore.
-"""
+"""Where an equilibrium is no minimum: stop, follow the branch from the saddle, or ignore."""
 
 from __future__ import annotations
 
@@ -9,11 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.model.constraints import Constraints
-from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.globalisation import CROSSING_SHARE
 from wovenfab.solver.options import SolveResult
@@ -25,44 +21,42 @@ FARTHEST = 0.1
 MODE_HALVINGS = 30
 
 
-def softest_mode(model: Model, equilibrium: EquilibriumSolver) -> NDArray[np.float64]:
+def softest_mode(solver: EquilibriumSolver) -> NDArray[np.float64]:
     """Return the direction in which the model's present field is softest; collective.
 
     Returns:
         Displacement at this rank's unknowns, ghosts included; its largest component is 1 m.
     """
-    step = equilibrium.barrier.step
-    own = equilibrium.inertia.mode()
+    model = solver.problem.model
+    own = solver.spectrum.mode()
     largest = model.comm.allreduce(float(np.abs(own).max(initial=0.0)), op=MPI.MAX)
-    step.x.array[: len(own)] = own / largest
-    step.x.scatter_forward()
-    return np.array(step.x.array)
+    mode = fem.Function(model.space)
+    mode.x.array[: len(own)] = own / largest
+    mode.x.scatter_forward()
+    return np.array(mode.x.array)
 
 
-def leave_saddle(
-    model: Model, equilibrium: EquilibriumSolver, mode: NDArray[np.float64]
-) -> SolveResult:
+def leave_saddle(solver: EquilibriumSolver, mode: NDArray[np.float64]) -> SolveResult:
     """Move the field along a mode to the lowest potential there, and solve from there.
 
     Args:
-        model: The model, whose field is a saddle.
-        equilibrium: Its solver, which must go down where the tangent is indefinite.
+        solver: Solver of the problem, whose field is a saddle; it must go down where the
+            tangent is indefinite.
         mode: As :func:`softest_mode` returned it.
     """
-    field, step = model.field, equilibrium.barrier.step
-    step.x.array[:] = mode
-    low, high = bounding_box(model.placements)
+    problem, field = solver.problem, solver.problem.model.field
+    low, high = bounding_box(problem.model.placements)
     farthest = min(
-        FARTHEST * float(np.max(high - low)), CROSSING_SHARE * equilibrium.barrier.limit()
+        FARTHEST * float(np.max(high - low)), CROSSING_SHARE * solver.crossing.limit(mode)
     )
     saddle = field.x.array.copy()
     lengths = farthest * 0.5 ** np.arange(MODE_HALVINGS)
     energies = []
     for length in lengths:
         field.x.array[:] = saddle + length * mode
-        energies.append(equilibrium.energy())
+        energies.append(problem.energy())
     field.x.array[:] = saddle + lengths[int(np.nanargmin(energies))] * mode
-    return equilibrium.solve()
+    return solver.solve()
 
 
 Treatment = Literal["stop", "follow", "ignore"]
@@ -124,32 +118,25 @@ class StabilityLostError(Exception):
 
 
 class Stability:
-    """Watches that a march stays on minima.
+    """Ensures that accepted states are minima, as far as a case asks for that.
 
     Attributes:
-        loss: The loss that was found and not yet passed, or None.
+        loss: The loss that was located and not yet passed, or None.
     """
 
-    def __init__(
-        self,
-        model: Model,
-        constraints: Constraints,
-        equilibrium: EquilibriumSolver,
-        treatment: Treatment,
-    ) -> None:
-        """Watch a model and its solver."""
-        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
-        self._treatment = treatment
+    def __init__(self, solver: EquilibriumSolver, treatment: Treatment) -> None:
+        """Start without a loss."""
+        self._solver, self._problem, self._treatment = solver, solver.problem, treatment
         self.loss: StabilityLoss | None = None
 
     @property
     def follows(self) -> bool:
-        """Whether the march goes on along the branch."""
+        """Whether the run goes on along the branch."""
         return self._treatment == "follow"
 
-    def refuses(self, outcome: SolveResult) -> bool:
-        """Return whether an outcome is a saddle that must not be accepted."""
-        return outcome.converged and outcome.negatives > 0 and self._treatment != "ignore"
+    def refuses(self, result: SolveResult) -> bool:
+        """Return whether an result is a saddle that must not be accepted."""
+        return result.converged and result.negatives > 0 and self._treatment != "ignore"
 
     def is_close(self, force: NDArray[np.float64], share: float, smallest: float) -> bool:
         """Return whether a refused saddle is so near to the last minimum that it tells where.
@@ -161,13 +148,13 @@ class Stability:
         """
         if self.loss is not None or share <= SHORTEST_STEP:
             return True
-        before, now = (self._resultants(f) for f in (force, self._equilibrium.force))
+        before, now = (self._resultants(f) for f in (force, self._problem.force))
         change = float(np.abs(now - before).max())
         return share < 2 * smallest and change <= SAME_FORCE * float(np.abs(now).max())
 
     def leave(
         self, now: tuple[float, float], until: tuple[float, float], force: NDArray[np.float64],
-        outcome: SolveResult,
+        result: SolveResult,
     ) -> SolveResult:  # fmt: skip
         """Note the loss and go from the saddle to a minimum, if that is wanted.
 
@@ -175,31 +162,31 @@ class Stability:
             now: Time (s) and displacement (m) of the last minimum.
             until: The same of the saddle.
             force: Internal force of the last minimum at own unknowns, N.
-            outcome: That of the saddle.
+            result: That of the saddle.
         """
         if self.loss is None:
             self.loss = StabilityLoss(
                 *now,
                 step=until[0] - now[0],
                 increment=until[1] - now[1],
-                reactions=self._constraints.reactions(force),
-                negatives=outcome.negatives,
-                saddle=self._model.field.x.array.copy(),
-                mode=softest_mode(self._model, self._equilibrium),
+                reactions=self._problem.constraints.reactions(force),
+                negatives=result.negatives,
+                saddle=self._problem.model.field.x.array.copy(),
+                mode=softest_mode(self._solver),
             )
         if self.follows:
-            return leave_saddle(self._model, self._equilibrium, self.loss.mode)
-        return outcome
+            return leave_saddle(self._solver, self.loss.mode)
+        return result
 
     def passed(self) -> StabilityLoss | None:
         """Return the loss that an accepted minimum lies beyond, and forget it."""
         loss, self.loss = self.loss, None
         return loss
 
-    def give_up(self, cutbacks: int) -> StabilityLostError:
-        """Return the error that ends the march after so many rejected attempts."""
+    def error(self, cutbacks: int) -> StabilityLostError:
+        """Return the error that ends the run after so many rejected attempts."""
         assert self.loss is not None
         return StabilityLostError(self.loss, self.follows, cutbacks)
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.array(list(self._constraints.reactions(force).values()))
+        return np.array(list(self._problem.constraints.reactions(force).values()))

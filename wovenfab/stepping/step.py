@@ -1,7 +1,4 @@
-"""What is known of an accepted step.
-
-Steps that could not be made, told so that a user knows what to do.
-"""
+"""An accepted step, and why one could not be made."""
 
 from __future__ import annotations
 
@@ -30,6 +27,8 @@ class Step:
         milestone: The planned time that it reaches, or None on the way to it.
         negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
         tangents: Number of its iterations that formed a tangent.
+        force, force_transverse: Force of the driven edge along its motion and across it, N.
+        force_error: Estimated error of ``force`` by the time step, N.
         loss: The loss of stability since the last step, beyond which it lies, or None.
         error: Its estimated error in time, where that is measured.
         dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
@@ -50,6 +49,9 @@ class Step:
     loss: StabilityLoss | None = None
     error: StepError | None = None
     dissipated_error: float = 0.0
+    force: float = 0.0
+    force_transverse: float = 0.0
+    force_error: float = 0.0
 
 
 class StepFailedError(Exception):
@@ -89,12 +91,12 @@ class StartFailedError(StepFailedError):
 
     def __str__(self) -> str:
         """Say under how much and why."""
-        found = self.outcome
+        result = self.outcome
         reason = (
-            f"it would not be stable ({found.negatives} negative eigenvalues)"
-            if found.converged
-            else f"{found.reason} after {found.iterations} iterations, residual "
-            f"{found.residual:.3g} N"
+            f"it would not be stable ({result.negatives} negative eigenvalues)"
+            if result.converged
+            else f"{result.reason} after {result.iterations} iterations, residual "
+            f"{result.residual:.3g} N"
         )
         return (
             f"no equilibrium at the start, even with steps of {self.step:.3g} of the forces and "

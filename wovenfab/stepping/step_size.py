@@ -1,12 +1,12 @@
-"""How far to step after a step has failed: cut, remembered, and grown again."""
+"""Step size control: steps are cut after a failure, remembered, and grown again."""
 
 from __future__ import annotations
 
 from math import ceil, inf
 
-#: Share of its length that is left of a step that failed, and growth after easy ones.
+#: Share of its length that is left of a failed step, and growth after easy ones.
 CUT, GROWTH = 0.5, 2.0
-#: Tangents up to which a step was easy, and harder ones in a row that do as well.
+#: Tangents up to which a step is easy, and harder ones in a row after which steps grow, too.
 EASY, ENOUGH = 3, 5
 #: Round-off of a number of steps.
 SLACK = 1e-9
@@ -15,9 +15,9 @@ SLACK = 1e-9
 class StepSizeControl:
     """The length of steps between planned times, which are always hit.
 
-    A planned step is made whole unless the last ones had to be cut: what was learnt is
-    kept beyond the planned time, so that a hard stretch does not begin with the same
-    failures at each of its steps, and doubled again where steps are made.
+    A planned step is made whole unless the last ones had to be cut: the shorter length is
+    kept beyond the planned time, so that a difficult part of the program does not begin with
+    the same failures at each of its steps, and is doubled again where steps converge.
     """
 
     def __init__(self, smallest: float) -> None:
@@ -29,25 +29,25 @@ class StepSizeControl:
         self._smallest = smallest
         self._length = self._before = inf
         self._row = 0
-        self._sought = -inf
+        self._target = -inf  # of a bisection, s
 
     def next(self, now: float, end: float) -> float:
         """Return the time (s) to step to from ``now``, on the way to the planned ``end``."""
-        if -inf < self._sought <= now:
-            self.found(self._before)
+        if -inf < self._target <= now:
+            self.bracketed(self._before)
         left = end - now
         number = max(1, ceil(left / self._length - SLACK))
         return end if number == 1 else now + left / number
 
-    def made(self, length: float, tangents: int) -> None:
-        """Note a step of ``length`` (s) that took so many tangents."""
+    def accepted(self, length: float, tangents: int) -> None:
+        """Grow after an accepted step of ``length`` (s), if its number of tangents allows."""
         self._row += 1
-        if self._sought == -inf and (tangents <= EASY or self._row >= ENOUGH):
+        if self._target == -inf and (tangents <= EASY or self._row >= ENOUGH):
             self._length = max(self._length, GROWTH * length)
             self._row = 0
 
-    def cut(self, length: float, planned: float) -> bool:
-        """Note a failed step; return whether a shorter one may be tried.
+    def reduce(self, length: float, planned: float) -> bool:
+        """Cut after a failed step; return whether the shorter one may be tried.
 
         Args:
             length: Of the failed step, s.
@@ -56,24 +56,24 @@ class StepSizeControl:
         self._length, self._row = CUT * length, 0
         return self._length >= self._smallest * planned
 
-    def aim(self, length: float) -> None:
-        """Take steps of at most ``length`` (s) next, for their error; not while seeking."""
-        if self._sought == -inf:
+    def limit(self, length: float) -> None:
+        """Take steps of at most ``length`` (s) next, for their error; not in a bisection."""
+        if self._target == -inf:
             self._length, self._row = length, 0
 
     def bisect(self, until: float, length: float) -> None:
-        """Look for what lies between here and ``until`` (s), where a step of ``length`` led.
+        """Begin or continue a bisection towards ``until`` (s), where a step of ``length`` led.
 
-        Steps do not grow before it is found or passed.
+        Steps do not grow before it has ended.
         """
-        if self._sought == -inf:
+        if self._target == -inf:
             self._before = self._length
-        self._sought, self._length = until, CUT * length
+        self._target, self._length = until, CUT * length
 
-    def lengthen(self, length: float) -> None:
+    def grow(self, length: float) -> None:
         """Try twice a ``length`` (s) next."""
         self._length = GROWTH * length
 
-    def found(self, length: float) -> None:
-        """Grow again from a ``length`` (s), for what was looked for has been passed."""
-        self._length, self._sought, self._row = length, -inf, 0
+    def bracketed(self, length: float) -> None:
+        """End a bisection; grow again from a ``length`` (s)."""
+        self._length, self._target, self._row = length, -inf, 0

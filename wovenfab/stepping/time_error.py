@@ -1,4 +1,4 @@
-"""The error of a step in time, embedded: what rates of one order more would have changed.
+"""The embedded error estimate of a step in time: what rates of one order more would change.
 
 The rate of BDF2 differs from that of the cubic through one state more by
 ``h (h + a) / 6`` times the third divided derivative, where ``h`` is this step and ``a`` the
@@ -15,15 +15,14 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.constraints import Constraints
-from wovenfab.model.model import Model
+from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 
 Array = NDArray[np.float64]
-#: A step with this many times the error that is allowed is made again, shorter.
-TOO_MUCH = 1.5
-#: Share of the best length that is tried, least and most of the last length.
-CAREFUL, LEAST, MOST = 0.85, 0.3, 2.0
+#: A step with this many times the allowed error is repeated with a shorter length.
+REPEAT_FROM = 1.5
+#: Safety factor of the next length, and its least and largest ratio to the last one.
+SAFETY, LEAST, MOST = 0.85, 0.3, 2.0
 
 
 @dataclass(frozen=True)
@@ -60,23 +59,14 @@ def rate_error(now: Array, states: Sequence[Array], steps: Sequence[float], step
 class TimeErrorEstimator:
     """Measures the error of steps and says how long the next may be."""
 
-    def __init__(
-        self,
-        model: Model,
-        constraints: Constraints,
-        equilibrium: EquilibriumSolver,
-        tolerance: float,
-    ) -> None:
-        """Know no power and no force yet.
+    def __init__(self, solver: EquilibriumSolver, tolerance: float) -> None:
+        """Start before the first step.
 
         Args:
-            model: The model, whose rates use two earlier states.
-            constraints: Its prescribed placements.
-            equilibrium: Its solver.
+            solver: Solver of the problem, whose rates use two earlier states.
             tolerance: Allowed error of power and force, each over its largest size so far.
         """
-        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
-        self._tolerance = tolerance
+        self._problem, self._tolerance = solver.problem, tolerance
         self._power = self._force = 0.0
 
     def first(self, jump: bool) -> float:
@@ -87,21 +77,19 @@ class TimeErrorEstimator:
         """
         return min(1.0, self._tolerance if jump else sqrt(self._tolerance))
 
-    def measure(self, wrong: Array, weights: Sequence[float]) -> StepError:
+    def measure(self, lack: Array, weights: Sequence[float]) -> StepError:
         """Return the error of the step that has just been solved; collective.
 
         Args:
-            wrong: What its rates lack, m/s.
+            lack: What its rates lack, m/s (:func:`rate_error`).
             weights: Weights of the states in its rates, 1/s.
         """
-        equilibrium, before = self._equilibrium, self._model.history[0].x.array
-        found, power = equilibrium.force, self._dissipated()
-        reactions = self._constraints.reactions(found)
-        kept = before.copy()
-        before += wrong / weights[1]
-        off_power = power - self._dissipated()
-        better = self._constraints.reactions(equilibrium.evaluate_force())
-        before[:] = kept
+        problem, earlier = self._problem, self._problem.model.history[0]
+        reactions, power = problem.reactions(), self._dissipated()
+        with preserved(earlier):
+            earlier.x.array[:] += lack / weights[1]
+            off_power = power - self._dissipated()
+            better = problem.constraints.reactions(problem.evaluate_force())
         forces = {
             name: (x - better[name][0], y - better[name][1]) for name, (x, y) in reactions.items()
         }
@@ -116,15 +104,15 @@ class TimeErrorEstimator:
 
     def refuses(self, error: StepError) -> bool:
         """Return whether the step must be made again."""
-        return error.relative > TOO_MUCH * self._tolerance
+        return error.relative > REPEAT_FROM * self._tolerance
 
     def growth(self, error: StepError) -> float:
         """Return how long the next step may be over this one; errors are of second order."""
-        best = CAREFUL * sqrt(self._tolerance / max(error.relative, 1e-30))
+        best = SAFETY * sqrt(self._tolerance / max(error.relative, 1e-30))
         return min(MOST, max(LEAST, best))
 
     def _dissipated(self) -> float:
-        return sum(self._model.dissipated_power().values())
+        return sum(self._problem.model.dissipated_power().values())
 
 
 def _largest(forces: Mapping[str, tuple[float, float]]) -> float:

@@ -1,11 +1,10 @@
-"""From one equilibrium to the next, with cut-backs where a step does not converge."""
+"""From one equilibrium to the next, with shorter steps where one does not converge."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from wovenfab.model.constraints import Constraints
-from wovenfab.model.model import Model
+from wovenfab.model.model import preserved
 from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolveResult
@@ -20,67 +19,63 @@ from wovenfab.stepping.time_error import StepError, TimeErrorEstimator, rate_err
 
 
 class TimeStepper:
-    """Marches a model through a load program."""
+    """Steps a problem through a load program."""
 
     def __init__(
         self,
-        model: Model,
-        constraints: Constraints,
-        equilibrium: EquilibriumSolver,
+        solver: EquilibriumSolver,
         program: Program,
         scheme: Scheme,
         smallest_step: float,
         treatment: Treatment = "stop",
         predict: bool = True,
-        pace: Callable[[float], StepSizeControl] = StepSizeControl,
+        step_size: Callable[[float], StepSizeControl] = StepSizeControl,
         tolerance: float | None = None,
     ) -> None:
         """Start from the reference state.
 
         Args:
-            model: The compiled model.
-            constraints: Its prescribed placements.
-            equilibrium: Its solver.
+            solver: Solver of the problem.
             program: The load program.
             scheme: The time scheme.
-            smallest_step: Share of a planned step below which cutting back ends.
+            smallest_step: Share of a planned step below which steps are not cut.
             treatment: What is done where stability is lost.
-            predict: Start a step from the extrapolated motion, not from the last state.
-            pace: Returns how steps are cut and grown, from the smallest share.
+            predict: Start a step from the extrapolated state, not from the last one.
+            step_size: Returns the step size control for a smallest share.
             tolerance: Error of a step in power and force, each over its largest size so far,
                 by which steps are shortened and grown; None for planned steps. It is
                 measured for the rates of BDF2, and so without effect where there are none.
         """
-        self._model, self._constraints, self._equilibrium = model, constraints, equilibrium
+        self._solver, self._problem = solver, solver.problem
         self._program, self._scheme = program, scheme
         self._smallest = smallest_step
-        self._pace = pace(smallest_step)
-        self._embedded: TimeErrorEstimator | None = None
-        if tolerance and scheme.name == "bdf2" and model.history:
-            self._embedded = TimeErrorEstimator(model, constraints, equilibrium, tolerance)
-        self._stability = Stability(model, constraints, equilibrium, treatment)
-        self._motion = State(model, constraints, equilibrium, program, scheme, predict)
-        self._account = EnergyBalance(model, constraints, equilibrium, scheme)
+        self._step_size = step_size(smallest_step)
+        self._time_error: TimeErrorEstimator | None = None
+        if tolerance and scheme.name == "bdf2" and solver.problem.model.history:
+            self._time_error = TimeErrorEstimator(solver, tolerance)
+        self._stability = Stability(solver, treatment)
+        self._state = State(solver, program, scheme, predict)
+        self._balance = EnergyBalance(solver, scheme)
         self._cutbacks = 0
 
     @property
     def started(self) -> bool:
         """Whether a step has been accepted."""
-        return self._motion.number > 0
+        return self._state.number > 0
 
     @property
     def measures_errors(self) -> bool:
         """Whether the error of steps in time is measured."""
-        return self._embedded is not None
+        return self._time_error is not None
 
-    def begin_near(self, guess: Callable[[float], Array | None]) -> None:
-        """Begin steps from a guess instead of the extrapolated motion.
+    def start_from(self, guess: Callable[[float], Array | None]) -> None:
+        """Start the solve of steps at a guess instead of the extrapolated state.
 
         Args:
             guess: Returns the state at the end of a step (unknowns with ghosts, m) from its
-                time (s), or None where it knows none.
+                time (s), or None where it has none.
         """
-        self._motion.begin_near(guess)
+        self._state.initial_guess = guess
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
@@ -90,121 +85,125 @@ class TimeStepper:
             StabilityLostError: If no minimum lies beyond it.
         """
         first = self._program.milestones[0]
-        self._motion.restore()
-        outcome, self._cutbacks = equilibrate(
-            self._model, self._constraints, self._equilibrium, first.displacement, self._smallest,
-            self._stability.refuses,
-        )  # fmt: skip
-        self._motion.begin()
-        if outcome is not None:
-            self._account.begin()
-        yield self._record(outcome, first)
+        self._state.restore()
+        result, self._cutbacks = equilibrate(
+            self._solver, first.displacement, self._smallest, self._stability.refuses
+        )
+        self._state.begin()
+        if result is not None:
+            self._balance.begin()
+        yield self._record(result, first)
         self._cutbacks = 0
         for start, end in zip(self._program.milestones, self._program.milestones[1:], strict=False):
             yield from self._reach(start, end)
 
     def _reach(self, start: Milestone, end: Milestone) -> Iterator[Step]:
         """Step from one planned time to the next, in shorter steps where needed."""
-        jump = start.jump
+        state, step_size, jump = self._state, self._step_size, start.jump
         planned = end.time - start.time
-        if self._embedded is not None and (jump or not self._motion.number):
-            self._pace.aim(self._embedded.first(jump) * planned)
-        while self._motion.time < end.time:
-            until = self._pace.next(self._motion.time, end.time)
-            length = until - self._motion.time
-            outcome = self._motion.attempt(until, jump)
-            if not self._motion.number:
-                self._check_rest(until, outcome)
-            outcome = self._settled(until, planned, outcome)
-            refused = self._stability.refuses(outcome)
-            if outcome.converged and not refused:
-                error = self._measure(until, jump)
+        if self._time_error is not None and (jump or not state.number):
+            step_size.limit(self._time_error.first(jump) * planned)
+        while state.time < end.time:
+            until = step_size.next(state.time, end.time)
+            length = until - state.time
+            result = state.attempt(until, jump)
+            if not state.number:
+                self._check_rest(until, result)
+            result = self._beyond_saddle(until, planned, result)
+            saddle = self._stability.refuses(result)
+            if result.converged and not saddle:
+                error = self._estimate_error(until, jump)
                 if self._is_too_long(error, length, planned):
                     self._cutbacks += 1
-                    self._motion.restore()
+                    state.restore()
                     continue
-                self._account.add(self._motion, until, jump, error)
-                self._motion.accept(until, jump)
-                if self._embedded is None:
-                    self._pace.made(length, outcome.tangents)
+                self._balance.add(state, until, jump, error)
+                state.accept(until, jump)
+                if self._time_error is None:
+                    step_size.accepted(length, result.tangents)
                 loss = self._stability.passed()
                 if loss is not None:
-                    self._pace.found(length)
+                    step_size.bracketed(length)
                 jump = loss is not None
-                yield self._record(outcome, end if until == end.time else None, loss)
+                yield self._record(result, end if until == end.time else None, loss)
                 self._cutbacks = 0
                 continue
             self._cutbacks += 1
             if self._stability.loss is not None:  # try farther beyond it, if that is wanted
-                self._motion.restore()
+                state.restore()
                 if until == end.time or not self._stability.follows:
-                    raise self._stability.give_up(self._cutbacks)
-                self._pace.lengthen(length)
+                    raise self._stability.error(self._cutbacks)
+                step_size.grow(length)
                 continue
-            if refused:
-                self._pace.bisect(until, length)
-            elif not self._pace.cut(length, planned):
-                found = diagnose(self._model, self._equilibrium, outcome, self._motion.states[0])
+            if saddle:
+                step_size.bisect(until, length)
+            elif not step_size.reduce(length, planned):
+                diagnosis = diagnose(self._solver, result, state.states[0])
                 displacement = self._program.displacement(until)
-                raise StepFailedError(until, displacement, length, outcome, self._cutbacks, found)
-            self._motion.restore()
+                raise StepFailedError(
+                    until, displacement, length, result, self._cutbacks, diagnosis
+                )
+            state.restore()
 
-    def _measure(self, until: float, jump: bool) -> StepError | None:
-        """Return the error of the step that was just solved, where enough is known."""
-        if self._embedded is None or jump or len(self._motion.steps) < 2:
+    def _estimate_error(self, until: float, jump: bool) -> StepError | None:
+        """Return the error of the step that was just solved, where enough states are there."""
+        state = self._state
+        if self._time_error is None or jump or len(state.steps) < 2:
             return None
-        step = until - self._motion.time
-        wrong = rate_error(self._model.field.x.array, self._motion.states, self._motion.steps, step)
-        return self._embedded.measure(wrong, self._scheme.weights(step, self._motion.steps[0]))
+        step = until - state.time
+        lack = rate_error(self._problem.model.field.x.array, state.states, state.steps, step)
+        return self._time_error.measure(lack, self._scheme.weights(step, state.steps[0]))
 
     def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
-        """Set the length of the next step, and return whether it is this one made again."""
-        if self._embedded is None or error is None:
+        """Set the length of the next step, and return whether this one must be repeated."""
+        if self._time_error is None or error is None:
             return False
-        best = length * self._embedded.growth(error)
-        self._pace.aim(best)
-        return self._embedded.refuses(error) and best >= self._smallest * planned
+        best = length * self._time_error.growth(error)
+        self._step_size.limit(best)
+        return self._time_error.refuses(error) and best >= self._smallest * planned
 
-    def _check_rest(self, until: float, outcome: SolveResult) -> None:
-        """Refuse a penalty that makes the sheet at rest unstable, whatever was found."""
-        reached = self._model.field.x.array.copy()
-        self._model.field.x.array[:] = self._motion.states[0]
-        if fault := unsound_penalty(self._model, self._equilibrium):
-            displacement = self._program.displacement(until)
-            step = until - self._motion.time
-            raise UnsoundSheetError(until, displacement, step, outcome, 0, fault)
-        self._model.field.x.array[:] = reached
+    def _check_rest(self, until: float, result: SolveResult) -> None:
+        """Refuse a penalty that makes the sheet at rest unstable, whatever the solve gave."""
+        field = self._problem.model.field
+        with preserved(field):
+            field.x.array[:] = self._state.states[0]
+            fault = unsound_penalty(self._solver)
+        if fault:
+            self._state.restore()
+            displacement, step = self._program.displacement(until), until - self._state.time
+            raise UnsoundSheetError(until, displacement, step, result, 0, fault)
 
-    def _settled(self, until: float, planned: float, outcome: SolveResult) -> SolveResult:
-        """Return the outcome, or how a saddle was left that is next to the last minimum."""
-        share, force = (until - self._motion.time) / planned, self._account.forces.force
-        if not self._stability.refuses(outcome) or not self._stability.is_close(
+    def _beyond_saddle(self, until: float, planned: float, result: SolveResult) -> SolveResult:
+        """Return the result, or that of the branch from a saddle next to the last minimum."""
+        share, force = (until - self._state.time) / planned, self._balance.forces.force
+        if not self._stability.refuses(result) or not self._stability.is_close(
             force, share, self._smallest
         ):
-            return outcome
-        now, then = ((t, self._program.displacement(t)) for t in (self._motion.time, until))
-        return self._stability.leave(now, then, force, outcome)
+            return result
+        now, then = ((t, self._program.displacement(t)) for t in (self._state.time, until))
+        return self._stability.leave(now, then, force, result)
 
     def _record(
         self,
-        outcome: SolveResult | None,
+        result: SolveResult | None,
         milestone: Milestone | None,
         loss: StabilityLoss | None = None,
     ) -> Step:
+        balance = self._balance
         return Step(
-            number=self._motion.number,
-            time=self._motion.time,
-            displacement=self._program.displacement(self._motion.time),
-            reactions=self._constraints.reactions(self._account.forces.force),
-            stored=self._model.stored_energy(),
-            dissipated=dict(self._account.dissipated),
-            work=self._account.work,
-            iterations=outcome.iterations if outcome else 0,
+            number=self._state.number,
+            time=self._state.time,
+            displacement=self._program.displacement(self._state.time),
+            reactions=self._problem.constraints.reactions(balance.forces.force),
+            stored=self._problem.model.stored_energy(),
+            dissipated=dict(balance.dissipated),
+            work=balance.work,
+            iterations=result.iterations if result else 0,
             cutbacks=self._cutbacks,
             milestone=milestone,
-            negatives=outcome.negatives if outcome else 0,
-            tangents=outcome.tangents if outcome else 0,
+            negatives=result.negatives if result else 0,
+            tangents=result.tangents if result else 0,
             loss=loss,
-            error=self._account.error,
-            dissipated_error=self._account.dissipated_error,
+            error=balance.error,
+            dissipated_error=balance.dissipated_error,
         )

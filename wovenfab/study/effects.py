@@ -21,7 +21,7 @@ from petsc4py import PETSc
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation, simulation_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
 
 
@@ -71,23 +71,23 @@ def measure(case: Case, sheet: Sheet) -> Cost:
     with ExitStack() as stack:
         with _empty_cache(comm):
             start = time.perf_counter()
-            rig = stack.enter_context(simulation_of(case, sheet, "ignore"))
+            simulation = stack.enter_context(Simulation(case, sheet, "ignore"))
             compiled = time.perf_counter() - start
-        return _march(rig, compiled)
+        return _march(simulation, compiled)
 
 
-def _march(rig: Simulation, compiled: float) -> Cost:
+def _march(simulation: Simulation, compiled: float) -> Cost:
     """Go through the program and return what it cost, with the time to compile (s)."""
     PETSc.Log.begin()
     tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
     forces, iterations, lost = [], [], 0.0
     start = time.perf_counter()
-    for step in rig.march.steps():
-        forces.append(rig.force(step.reactions)[0])
+    for step in simulation.steps():
+        forces.append(step.force)
         iterations.append(step.iterations)
         lost = sum(step.dissipated.values())
     whole = time.perf_counter() - start
-    steps, model = max(len(forces) - 1, 1), rig.model
+    steps, model = max(len(forces) - 1, 1), simulation.model
     tangents, assembly = tangent.since()
     factorisations, factorisation = factor.since()
     return Cost(

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks.hard.families.contrasts import AUTO, FEW, WHOLE
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures.compression import draw_compression
-from benchmarks.hard.ride import Ride, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.case import Case, Rectangle
 from wovenfab.stepping.step import Step
@@ -58,16 +58,18 @@ def stiffnesses(case: Case) -> tuple[float, float, float]:
 
 def pushed(setting: Setting) -> Figures:
     """March, and say where stability is lost and how soft the sheet is at each step; serial."""
-    ride = mount(setting)
+    measurement = Measurement(setting)
     softest: list[float] = []
 
     def look(step: Step) -> None:
-        softest.append(softness(ride))
+        softest.append(softness(measurement))
 
-    ride.go(look)
-    losses = [s.loss for s in ride.steps if s.loss] + ([ride.loss] if ride.loss else [])
-    negatives = [s.negatives for s in ride.steps]
-    figures = ride.figures(
+    measurement.run(look)
+    losses = [s.loss for s in measurement.steps if s.loss] + (
+        [measurement.loss] if measurement.loss else []
+    )
+    negatives = [s.negatives for s in measurement.steps]
+    figures = measurement.figures(
         losses=float(len(losses)),
         negative_eigenvalues=float(max(negatives)),
         softest_over_rest=min(softest) / softest[0],
@@ -79,8 +81,8 @@ def pushed(setting: Setting) -> Figures:
             error_of_the_load=abs(load / euler(setting.case) - 1),
             negative_at_the_saddle=float(losses[0].negatives),
         )
-        series |= {"mode": shape(ride, losses[0].mode), "load": load}
-    ride.destroy()
+        series |= {"mode": shape(measurement, losses[0].mode), "load": load}
+    measurement.destroy()
     return Figures(**{**vars(figures), "series": series})
 
 
@@ -93,10 +95,10 @@ def straight(setting: Setting) -> Figures:
     return figures.with_checks(off_the_straight_force=abs(figures.series["force"][-1] / exact - 1))
 
 
-def softness(ride: Ride) -> float:
+def softness(measurement: Measurement) -> float:
     """Return the lowest eigenvalue (N/m) of the tangent in the present state; serial."""
-    own = ride.equilibrium.inertia.mode()
-    matrix = ride.equilibrium.tangent()
+    own = measurement.equilibrium.spectrum.mode()
+    matrix = measurement.equilibrium.tangent()
     mode, image = matrix.createVecs()
     mode.array_w[:] = own
     matrix.mult(mode, image)
@@ -106,12 +108,12 @@ def softness(ride: Ride) -> float:
     return float(value)
 
 
-def shape(ride: Ride, mode: NDArray[np.float64]) -> dict[str, Any]:
+def shape(measurement: Measurement, mode: NDArray[np.float64]) -> dict[str, Any]:
     """Return a mode of one placement at the corners of the cells; serial."""
-    corners = ride.model.placements.blocks[:, :3, 0]
+    corners = measurement.model.placements.blocks[:, :3, 0]
     kept, cells = np.unique(corners, return_inverse=True)
     return {
-        "points": ride.model.placements.positions[kept].tolist(),
+        "points": measurement.model.placements.positions[kept].tolist(),
         "cells": cells.reshape(-1, 3).tolist(),
         "displacement": mode.reshape(-1, 2)[kept].tolist(),
     }

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
+from benchmarks.hard.measurement import Measurement, last_force, measured
 from benchmarks.hard.pictures.models import draw_contrasts
-from benchmarks.hard.ride import last_force, march, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 
 STEPS = ("program.to=40 mm", "program.steps=4")
@@ -34,7 +34,7 @@ def against(limit: Callable[[Setting], Setting]) -> Callable[[Setting], Figures]
     """Return a measure: the force compared with that of a limit model."""
 
     def measure(setting: Setting) -> Figures:
-        figures = march(setting)
+        figures = measured(setting)
         exact = last_force(limit(setting))
         return figures.with_checks(
             difference_from_the_limit=abs(figures.series["force"][-1] / exact - 1)
@@ -62,9 +62,9 @@ def coupled(stiffnesses: tuple[float, ...], setting: Setting) -> Figures:
     """
     rides = []
     for stiffness in stiffnesses:
-        ride = mount(setting.but(f"effects.coupling.stiffness={stiffness!r}")).go()
-        rides.append(ride.figures())
-        ride.destroy()
+        measurement = Measurement(setting.but(f"effects.coupling.stiffness={stiffness!r}")).run()
+        rides.append(measurement.figures())
+        measurement.destroy()
     forces = [figures.series["force"][-1] for figures in rides]
     limit = last_force(bonded(setting))
     return together(rides, {"stiffness": stiffnesses, "force": forces, "limit": limit}).with_checks(

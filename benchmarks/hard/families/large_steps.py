@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from benchmarks.hard.measurement import measured
 from benchmarks.hard.pictures.solving import draw_large_steps
-from benchmarks.hard.ride import march
 from benchmarks.hard.row import Bound, Family, Row, Setting
 
 PULL = Setting(
@@ -29,7 +29,7 @@ def _row(degree: int, size: str, corner: str | None = None) -> Row:
         setting=PULL.but(
             f"discretisation.degree={degree}", f"discretisation.mesh_size={size}", *graded
         ),
-        measure=march,
+        measure=measured,
         bounds=BOUNDS,
         quick=(f"discretisation.mesh_size={'100 mm' if corner else '150 mm'}",),
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures.solving import draw_locking
-from benchmarks.hard.ride import mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 
 ADMISSIBLE = Bound("margin", least=1e-6)
@@ -14,13 +14,13 @@ PULL = Setting("bonded-1x3", ("discretisation.penalty=auto", "discretisation.deg
 
 def growth(setting: Setting) -> Figures:
     """March, and measure how smoothly the force grows; collective."""
-    ride = mount(setting).go()
-    gains = np.diff(ride.force)
+    measurement = Measurement(setting).run()
+    gains = np.diff(measurement.force)
     ratios = gains[1:] / gains[:-1]
-    ride.destroy()
+    measurement.destroy()
     if not len(ratios):
-        return ride.figures()
-    return ride.figures(least_growth=float(ratios.min()), largest_growth=float(ratios.max()))
+        return measurement.figures()
+    return measurement.figures(least_growth=float(ratios.min()), largest_growth=float(ratios.max()))
 
 
 def _row(length: str, ratio: str, to: str, stiffness: int) -> Row:

@@ -15,7 +15,7 @@ from wovenfab.record.results import open_results
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.run import run
-from wovenfab.simulation.simulation import simulation_of
+from wovenfab.simulation.simulation import Simulation
 
 #: Cycle from which loops must repeat, and from which memory may not grow.
 RUN_IN, SETTLED = 2, 5
@@ -32,8 +32,8 @@ def cycles(setting: Setting) -> Figures:
 
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
-        with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as rig:
-            result = run(case, rig, directory, tell, Stopwatch())
+        with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+            outcome, summary = run(simulation, directory, tell, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start
     force, steps = history["force_N"], len(history["step"]) - 1
@@ -44,14 +44,14 @@ def cycles(setting: Setting) -> Figures:
     iterations = history["newton_iterations"][1:]
     apart = np.abs(loops - loops[-1]).max(axis=1) / np.abs(force).max()
     return Figures(
-        unknowns=result.summary["unknowns"],
+        unknowns=summary["unknowns"],
         steps=steps,
         mean=float(iterations.mean()),
         worst=int(iterations.max()),
-        cutbacks=result.summary["cut_backs"],
+        cutbacks=summary["cut_backs"],
         margin=None,
         imbalance=float(np.abs(each / lost).max()),
-        end="finished" if result.failure is None else str(result.failure),
+        end="finished" if outcome.failure is None else str(outcome.failure),
         series={"apart": apart.tolist(), "imbalance": (each / lost).tolist(), "memory": memory},
     ).with_checks(
         change_of_the_loop=float(apart[RUN_IN - 1]),

@@ -13,8 +13,8 @@ from mpi4py import MPI
 from benchmarks.hard.coercivity import Coercivity
 from benchmarks.hard.families.contrasts import AUTO, FEW, QUICK, WHOLE, finer
 from benchmarks.hard.grids import Grid, crossed, write
+from benchmarks.hard.measurement import Measurement, last_force, measured
 from benchmarks.hard.pictures.models import draw_meshes
-from benchmarks.hard.ride import last_force, march, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from wovenfab.case import Rectangle
 from wovenfab.stepping.step import Step
@@ -49,7 +49,7 @@ def refined(setting: Setting) -> float:
 
 def compared(exact: Callable[[Setting], float], setting: Setting) -> Figures:
     """March and compare the force with another mesh's."""
-    figures = march(setting)
+    figures = measured(setting)
     force = figures.series["force"][-1]
     return figures.with_checks(difference=abs(force / exact(setting) - 1))
 
@@ -75,7 +75,7 @@ def slivers(setting: Setting) -> Figures:
     """March on a mesh with angles of 1°, and compare with a good one."""
     grid = _grid(setting, 1.0)
     with TemporaryDirectory() as folder:
-        figures = march(setting.but(*_own(write(grid, Path(folder) / "slivers.msh"))))
+        figures = measured(setting.but(*_own(write(grid, Path(folder) / "slivers.msh"))))
     series = {**figures.series, "points": grid.points.tolist(), "cells": grid.cells.tolist()}
     return Figures(**{**vars(figures), "series": series}).with_checks(
         difference=abs(figures.series["force"][-1] / reference(setting) - 1),
@@ -85,31 +85,31 @@ def slivers(setting: Setting) -> Figures:
 
 def shuffled(setting: Setting) -> Figures:
     """March on a mesh file in order and on the same one with all numbers shuffled."""
-    grid, rides = _grid(setting), []
+    grid, parts = _grid(setting), []
     with TemporaryDirectory() as folder:
         for seed in (None, 1, 2):
             path = write(grid, Path(folder) / f"mesh-{seed}.msh", seed)
-            rides.append(march(setting.but(*_own(path))))
-    forces = np.array([figures.series["force"] for figures in rides])
-    return together(rides, rides[0].series).with_checks(
+            parts.append(measured(setting.but(*_own(path))))
+    forces = np.array([figures.series["force"] for figures in parts])
+    return together(parts, parts[0].series).with_checks(
         difference=float(np.abs(forces - forces[0]).max() / np.abs(forces).max())
     )
 
 
 def on_ranks(setting: Setting) -> Figures:
     """March on 1, 2, … ranks, as many as there are, and compare; collective."""
-    world, rides = MPI.COMM_WORLD, []
+    world, parts = MPI.COMM_WORLD, []
     for count in range(1, world.size + 1):
         some = world.Split(world.rank >= count)
         if world.rank < count:
-            ride = mount(setting, some).go()
-            rides.append(ride.figures())
-            ride.destroy()
+            measurement = Measurement(setting, some).run()
+            parts.append(measurement.figures())
+            measurement.destroy()
         world.barrier()
     if world.rank:
-        return rides[-1]
-    forces = np.array([figures.series["force"] for figures in rides])
-    return together(rides, rides[0].series).with_checks(
+        return parts[-1]
+    forces = np.array([figures.series["force"] for figures in parts])
+    return together(parts, parts[0].series).with_checks(
         difference=float(np.abs(forces - forces[0]).max() / np.abs(forces).max()),
         ranks=float(world.size),
     )
@@ -120,12 +120,12 @@ def coercive(setting: Setting) -> Figures:
     parts = []
     curves: dict[str, list[float]] = {}
     for mesh in ("crossed", "unstructured"):
-        ride = mount(setting.but(f"discretisation.mesh={mesh}"))
-        form = Coercivity(ride.model)
+        measurement = Measurement(setting.but(f"discretisation.mesh={mesh}"))
+        form = Coercivity(measurement.model)
         values = curves.setdefault(mesh, [])
-        ride.go(partial(_note, form, values))
-        parts.append(ride.figures())
-        ride.destroy()
+        measurement.run(partial(_note, form, values))
+        parts.append(measurement.figures())
+        measurement.destroy()
     least = min(min(values) for values in curves.values())
     series = {**curves, "displacement": parts[0].series["displacement"]}
     return together(parts, series).with_checks(least_eigenvalue=least)
@@ -252,7 +252,7 @@ FAMILY = Family(
             hard="a user's number that makes bending unbounded from below",
             remedy="inertia of the sheet at rest; the cause is named",
             setting=Setting("bonded-1x3", ("discretisation.penalty=0.3", *QUICK)),
-            measure=march,
+            measure=measured,
             bounds=(Bound("steps", most=0),),
             stops="discretisation.penalty = 0.3 is too small",
         ),

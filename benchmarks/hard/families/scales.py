@@ -9,8 +9,8 @@ import numpy as np
 import pint
 from numpy.typing import NDArray
 
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures.models import draw_scales
-from benchmarks.hard.ride import Ride, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from wovenfab.case import Case
 
@@ -70,11 +70,11 @@ def _times(value: object, factor: float) -> str:
 
 def compared(scale: Scale, setting: Setting) -> Figures:
     """March a case and the scaled one; compare all histories. Collective."""
-    rides = [mount(s).go() for s in (setting, setting.but(*scaled(setting.case, scale)))]
-    histories = [_history(ride) for ride in rides]
-    figures = [ride.figures() for ride in rides]
-    for ride in rides:
-        ride.destroy()
+    rides = [Measurement(s).run() for s in (setting, setting.but(*scaled(setting.case, scale)))]
+    histories = [_history(measurement) for measurement in rides]
+    figures = [measurement.figures() for measurement in rides]
+    for measurement in rides:
+        measurement.destroy()
     energy = scale.length * scale.force
     factors = np.array([scale.time, scale.length, scale.force, energy, energy, energy])
     iterations = [float(sum(f.series["iterations"])) for f in figures]
@@ -90,14 +90,14 @@ def compared(scale: Scale, setting: Setting) -> Figures:
     )
 
 
-def _history(ride: Ride) -> NDArray[np.float64]:
+def _history(measurement: Measurement) -> NDArray[np.float64]:
     """Return time, displacement, force, stored and dissipated energy and work by step."""
-    steps = ride.steps
+    steps = measurement.steps
     return np.column_stack(
         [
             [s.time for s in steps],
             [s.displacement for s in steps],
-            ride.force,
+            measurement.force,
             [sum(s.stored.values()) for s in steps],
             [sum(s.dissipated.values()) for s in steps],
             [s.work for s in steps],

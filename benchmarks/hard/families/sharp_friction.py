@@ -9,8 +9,8 @@ import numpy as np
 import ufl
 from numpy.typing import NDArray
 
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures.friction import draw_friction
-from benchmarks.hard.ride import Ride, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from forms.balance import Balance
 from forms.effect import Term
@@ -43,44 +43,44 @@ def path(ways: tuple[tuple[float, float, int], ...] = WAYS, speed: float = 1) ->
     return f"program=[{', '.join(parts)}]"
 
 
-def ride(setting: Setting) -> tuple[Figures, float, float]:
+def pulled(setting: Setting) -> tuple[Figures, float, float]:
     """March; return the figures, the largest stress over its bound and the least loss.
 
     The loss is that of a step over that of all; collective.
     """
-    made = mount(setting)
+    measurement = Measurement(setting)
     stresses: list[float] = []
-    made.go(lambda step: stresses.append(largest_stress(made, step)))
-    lost = np.array([sum(s.dissipated.values()) for s in made.steps])
+    measurement.run(lambda step: stresses.append(largest_stress(measurement, step)))
+    lost = np.array([sum(s.dissipated.values()) for s in measurement.steps])
     least = float(np.diff(lost).min() / max(lost[-1], np.finfo(float).tiny))
-    figures = made.figures()
-    made.destroy()
+    figures = measurement.figures()
+    measurement.destroy()
     with_loss = replace(figures, series={**figures.series, "loss": lost.tolist()})
     return with_loss, max(stresses), least
 
 
-def largest_stress(made: Ride, step: Step) -> float:
+def largest_stress(measurement: Measurement, step: Step) -> float:
     """Return the largest stress over its bound, of all points; collective."""
     if step.number == 0:
         return 0.0
-    balance, carried = made.model.balance, made.equilibrium.carried
+    balance, carried = measurement.model.balance, measurement.equilibrium.problem.model.carried
     here = [0.0]
     for one in carried:
         strength = float(one.term.values["strength"].value)
         here.append(float(np.abs(one.stress.x.array).max(initial=0.0)) / strength)
     for term in () if carried else balance.terms:
         if term.effect.bound is not None:
-            here.append(float(np.abs(_stress(balance, term, made)).max(initial=0.0)))
-    return float(max(made.model.comm.allgather(max(here))))
+            here.append(float(np.abs(_stress(balance, term, measurement)).max(initial=0.0)))
+    return float(max(measurement.model.comm.allgather(max(here))))
 
 
-def _stress(balance: Balance, term: Term, made: Ride) -> NDArray[np.float64]:
+def _stress(balance: Balance, term: Term, measurement: Measurement) -> NDArray[np.float64]:
     """Return the stress of a smooth law over its bound on this rank's cells."""
     assert term.effect.dissipation is not None and term.effect.bound is not None
     point = point_of(balance.field, balance.fibres, balance.second_gradient)
     rate = ufl.variable(balance.rate_of(term.effect, point))
     stress = ufl.diff(term.effect.dissipation(rate, term.values), rate)
-    mesh = made.model.sheet.mesh
+    mesh = measurement.model.sheet.mesh
     cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     share = compile_expression(stress / term.effect.bound.strength(term.values), POINTS)
     found: NDArray[np.float64] = share.eval(mesh, cells)
@@ -92,7 +92,7 @@ def strengths(kind: str, slope: float | None, setting: Setting) -> Figures:
     law = "law: coulomb" if slope is None else f"slope: {slope!r}"
     chosen = STRENGTHS[kind][1::2] if _is_quick(setting) else STRENGTHS[kind]
     found = [
-        ride(setting.but(f"effects.{kind}={{strength: {strength!r}, {law}}}"))
+        pulled(setting.but(f"effects.{kind}={{strength: {strength!r}, {law}}}"))
         for strength in chosen
     ]
     parts = [figures for figures, _, _ in found]
@@ -113,7 +113,7 @@ def speeds(kind: str, setting: Setting) -> Figures:
     strength = STRENGTHS[kind][2]
     ways = FEW_WAYS if _is_quick(setting) else WAYS
     law = f"effects.{kind}={{strength: {strength!r}, law: coulomb}}"
-    found = [ride(setting.but(law, path(ways, speed))) for speed in SPEEDS]
+    found = [pulled(setting.but(law, path(ways, speed))) for speed in SPEEDS]
     parts = [figures for figures, _, _ in found]
     loops = np.array([[f.series["force"], f.series["loss"]] for f in parts])
     sizes = np.abs(loops[0]).max(axis=1)

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.hard.crossing import exact_crossing
+from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures.solving import draw_tunnelling
-from benchmarks.hard.ride import Ride, mount
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.solver.globalisation import CROSSING_SHARE
 
@@ -18,26 +18,26 @@ LEAST_MARGIN, FAR = 1e-6, 0.5
 
 def crossings(setting: Setting) -> Figures:
     """Step from random states, every other one aimed across the barrier; serial."""
-    ride, random = mount(setting), np.random.default_rng(7)
-    barrier, field = ride.equilibrium.barrier, ride.model.field
+    measurement, random = Measurement(setting), np.random.default_rng(7)
+    crossing, field = measurement.equilibrium.crossing, measurement.model.field
     found, exact, after = [], [], []
     for i in range(STATES):
-        state = _random_state(ride, random)
+        state = _random_state(measurement, random)
         if i % 2:
-            barrier.step.x.array[:] = _across(ride, random) - state
+            direction = _across(measurement, random) - state
             field.x.array[:] = state
-            field.x.array[:] += min(1.0, CROSSING_SHARE * barrier.limit()) * barrier.step.x.array
+            field.x.array[:] += min(1.0, CROSSING_SHARE * crossing.limit(direction)) * direction
         else:
-            ride.constraints.set(FAR * random.uniform(-1, 1))
-            ride.model.last.x.array[:] = state
-            ride.equilibrium.solve()  # one iteration: Newton's direction and what it accepts
-        after.append(barrier.margin())
+            measurement.constraints.set(FAR * random.uniform(-1, 1))
+            measurement.model.last.x.array[:] = state
+            measurement.equilibrium.solve()  # one iteration: Newton's direction and what it accepts
+        after.append(crossing.margin())
         field.x.array[:] = state
-        found.append(barrier.limit())
-        f, df = barrier.derivatives()
+        found.append(crossing.limit(crossing.direction.x.array))
+        f, df = crossing.derivatives()
         exact.append(min(exact_crossing(f[k], df[k]) for k in range(len(f))))
-    unknowns = ride.model.unknowns
-    ride.destroy()
+    unknowns = measurement.model.unknowns
+    measurement.destroy()
     pairs = [(a, b) for a, b in zip(found, exact, strict=True) if np.isfinite(b)]
     apart = sum(np.isfinite(found) != np.isfinite(exact))
     return Figures(
@@ -50,20 +50,20 @@ def crossings(setting: Setting) -> Figures:
     )  # fmt: skip
 
 
-def _random_state(ride: Ride, random: np.random.Generator) -> NDArray[np.float64]:
+def _random_state(measurement: Measurement, random: np.random.Generator) -> NDArray[np.float64]:
     """Return a random admissible state, and leave the field there."""
-    field = ride.model.field.x.array
+    field = measurement.model.field.x.array
     while True:
         field[:] = 0.05 * random.uniform() * random.standard_normal(field.size)
-        if ride.equilibrium.barrier.margin() > LEAST_MARGIN:
+        if measurement.equilibrium.crossing.margin() > LEAST_MARGIN:
             return np.array(field)
 
 
-def _across(ride: Ride, random: np.random.Generator) -> NDArray[np.float64]:
+def _across(measurement: Measurement, random: np.random.Generator) -> NDArray[np.float64]:
     """Return a state in which the families have changed places, and more."""
-    d = ride.model.sheet.fibres
+    d = measurement.model.sheet.fibres
     gradient = random.uniform(0.3, 3.0) * d[::-1].T @ np.linalg.inv(d.T) - np.eye(2)
-    step = ride.model.field
+    step = measurement.model.field
     step.interpolate(lambda x: gradient @ x[:2])
     noise = 0.01 * random.standard_normal(step.x.array.size)
     return np.array(step.x.array + noise)

@@ -27,7 +27,7 @@ from wovenfab.model.model import Model
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.peak_force import peak_force
 from wovenfab.simulation.progress import peak_memory
-from wovenfab.simulation.simulation import Simulation, simulation_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 
@@ -88,15 +88,15 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
     """
     before = _kernels()
     start = time.perf_counter()
-    with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as rig:
-        slip = RmsBeta(rig.model)
+    with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+        slip = RmsBeta(simulation.model)
         setup = time.perf_counter() - start
         if stop_if_compiled and _kernels() != before:
             return Measured(compile=setup)
-        return _march(rig, slip, setup)
+        return _march(simulation, slip, setup)
 
 
-def _march(rig: Simulation, slip: RmsBeta, setup: float) -> Measured:
+def _march(simulation: Simulation, slip: RmsBeta, setup: float) -> Measured:
     """Go through the program and return what it gave and cost, with the time before it (s)."""
     farthest, values = -1.0, {}
     steps: list[Step] = []
@@ -104,9 +104,9 @@ def _march(rig: Simulation, slip: RmsBeta, setup: float) -> Measured:
     failure, paused = "", 0.0
     start = time.perf_counter()
     try:
-        for step in rig.march.steps():
+        for step in simulation.steps():
             steps.append(step)
-            forces.append(rig.force(step.reactions)[0])
+            forces.append(step.force)
             if slip.is_defined and abs(step.displacement) > farthest:
                 moment = time.perf_counter()
                 farthest, values[RMS_BETA] = abs(step.displacement), slip()
@@ -119,13 +119,13 @@ def _march(rig: Simulation, slip: RmsBeta, setup: float) -> Measured:
         kinks = [s.milestone is not None and s.milestone.jump for s in steps]
         values[PEAK_FORCE] = peak_force(times, np.array(forces), kinks)
     if steps and steps[-1].dissipated:
-        cycles = max(len(rig.program.cycles), 1)
+        cycles = max(len(simulation.program.cycles), 1)
         values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
     return Measured(
         values={
             name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
         },
-        unknowns=rig.model.unknowns,
+        unknowns=simulation.model.unknowns,
         steps=len(steps) - 1,
         iterations=sum(s.iterations for s in steps),
         tangents=sum(s.tangents for s in steps),

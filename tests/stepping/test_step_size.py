@@ -20,18 +20,18 @@ def walk(
         iterations: Of a step from a time (s) of a length (s); None if it fails.
         smallest: Share of a planned step below which cutting ends.
     """
-    pace, times, failures = StepSizeControl(smallest), [planned[0]], 0
+    step_size, times, failures = StepSizeControl(smallest), [planned[0]], 0
     for start, end in pairwise(planned):
         while times[-1] < end:
-            until = pace.next(times[-1], end)
+            until = step_size.next(times[-1], end)
             length = until - times[-1]
             taken = iterations(times[-1], length)
             if taken is not None:
-                pace.made(length, taken)
+                step_size.accepted(length, taken)
                 times.append(until)
                 continue
             failures += 1
-            if not pace.cut(length, end - start):
+            if not step_size.reduce(length, end - start):
                 return times, failures
     return times, failures
 
@@ -82,24 +82,24 @@ def test_steps_that_stay_hard_grow_too_in_the_end() -> None:
 
 
 def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -> None:
-    pace = StepSizeControl(1e-3)
-    assert pace.next(0.0, 1.0) == 1.0
-    pace.bisect(1.0, 1.0)
-    assert pace.next(0.0, 1.0) == 0.5
-    pace.bisect(0.5, 0.5)
-    assert pace.next(0.0, 1.0) == 0.25
-    pace.made(0.25, 1)  # easy, but the way to 0.5 is known to be blocked
-    assert pace.next(0.25, 1.0) == 0.5
-    pace.made(0.25, 1)  # it was not
-    assert pace.next(0.5, 1.0) == 1.0
+    step_size = StepSizeControl(1e-3)
+    assert step_size.next(0.0, 1.0) == 1.0
+    step_size.bisect(1.0, 1.0)
+    assert step_size.next(0.0, 1.0) == 0.5
+    step_size.bisect(0.5, 0.5)
+    assert step_size.next(0.0, 1.0) == 0.25
+    step_size.accepted(0.25, 1)  # easy, but the way to 0.5 is known to be blocked
+    assert step_size.next(0.25, 1.0) == 0.5
+    step_size.accepted(0.25, 1)  # it was not
+    assert step_size.next(0.5, 1.0) == 1.0
 
 
 def test_beyond_what_was_found_steps_grow_from_where_they_are() -> None:
-    pace = StepSizeControl(1e-3)
-    pace.bisect(0.01, 0.01)
-    pace.found(0.01)
-    pace.made(0.01, 1)
-    assert pace.next(0.01, 1.0) - 0.01 == pytest.approx(0.02, rel=0.02)
+    step_size = StepSizeControl(1e-3)
+    step_size.bisect(0.01, 0.01)
+    step_size.bracketed(0.01)
+    step_size.accepted(0.01, 1)
+    assert step_size.next(0.01, 1.0) - 0.01 == pytest.approx(0.02, rel=0.02)
 
 
 def test_cutting_ends_at_the_smallest_share_of_the_planned_step() -> None:

@@ -89,7 +89,7 @@ def bonded() -> Model:
 def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
     model = bonded()
     _, equilibrium = scenes.solver(model)
-    barrier, random = equilibrium.barrier, np.random.default_rng(42)
+    barrier, random = equilibrium.crossing, np.random.default_rng(42)
     x = model.field.x.petsc_vec.duplicate()
     y = x.duplicate()
     shortened, outside = 0, 0
@@ -103,7 +103,7 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
         y.array_w[:] = 10 ** random.uniform(-3, 1) * random.standard_normal(x.getSize())
         model.field.x.array[:] = x.array_r - y.array_r
         outside += barrier.margin() < 0
-        shortened += equilibrium._newton.limit_step(x, y)
+        shortened += equilibrium.newton.limit_step(x, y)
         model.field.x.array[:] = x.array_r - y.array_r
         assert barrier.margin() > 0
     assert shortened > 100
@@ -116,12 +116,13 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
 def visited(controls: SolverOptions, displacement: float, size: float) -> tuple[list[float], bool]:
     """Return the margin of every iterate of one large step, and whether it converged."""
     model = scenes.model(scenes.sheet(SHORT, mesh_size=size), scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, controls=controls)
+    constraints = equilibrium.problem.constraints
     margins = []
-    equilibrium._newton.snes.setMonitor(lambda *_: margins.append(equilibrium.barrier.margin()))
+    equilibrium.newton.snes.setMonitor(lambda *_: margins.append(equilibrium.crossing.margin()))
     constraints.set(displacement)
     outcome = equilibrium.solve()
-    margins.append(equilibrium.barrier.margin())
+    margins.append(equilibrium.crossing.margin())
     equilibrium.destroy()
     return margins, outcome.converged
 
@@ -143,13 +144,13 @@ def test_a_limited_step_goes_its_share_of_the_way() -> None:
     model = bonded()
     _, equilibrium = scenes.solver(model)
     f_1_onto_f_2 = np.array([[-0.5, 1.0], [0.0, 0.0]])  # of the gradient, D = ±45°
-    scenes.set_field(equilibrium.barrier.step, lambda x: f_1_onto_f_2 @ x[:2])
-    limit = equilibrium.barrier.limit()
+    scenes.set_field(equilibrium.crossing.direction, lambda x: f_1_onto_f_2 @ x[:2])
+    limit = equilibrium.crossing.limit(equilibrium.crossing.direction.x.array)
     x, y = model.field.x.petsc_vec.duplicate(), model.field.x.petsc_vec.duplicate()
     x.set(0.0)
-    y.array_w[:] = -4 * limit * equilibrium.barrier.step.x.array
+    y.array_w[:] = -4 * limit * equilibrium.crossing.direction.x.array
     full = y.array_r.copy()
-    assert equilibrium._newton.limit_step(x, y)
+    assert equilibrium.newton.limit_step(x, y)
     assert y.array_r == pytest.approx(CROSSING_SHARE / 4 * full, rel=1e-12)
     equilibrium.destroy()
     x.destroy()

@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from wovenfab.case import read_case
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import simulation_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.globalisation import LOOSE, LineSearch
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 from wovenfab.stepping.step import Step
@@ -30,8 +30,8 @@ BENT = (
 def pulled() -> list[Step]:
     """Return the states of the bent yarns after a small step and a large one."""
     case = read_case(BONDED, BENT)
-    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as rig:
-        return list(rig.march.steps())
+    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+        return list(simulation.steps())
 
 
 def test_sharply_bent_yarns_turn_in_one_step_by_the_positive_part_of_the_tangent(
@@ -53,7 +53,9 @@ class Slope:
         """Begin at the first value, with steps of length 1."""
         self.field = SimpleNamespace(x=SimpleNamespace(array=np.zeros(1)))
         system: Any = SimpleNamespace(model=SimpleNamespace(field=self.field), energy=self.energy)
-        barrier: Any = SimpleNamespace(step=SimpleNamespace(x=SimpleNamespace(array=np.ones(1))))
+        barrier: Any = SimpleNamespace(
+            direction=SimpleNamespace(x=SimpleNamespace(array=np.ones(1)))
+        )
         self.values, self.search = values, LineSearch(system, barrier)
 
     def energy(self) -> float:

@@ -30,10 +30,8 @@ def test_a_cubic_has_its_true_rate(steps: tuple[float, float, float]) -> None:
 def marched(program: Program, tolerance: float | None) -> list[Step]:
     names = (*scenes.COUPLED, "slip_friction")
     model = scenes.model(scenes.sheet(0.6), names, scenes.PROTOTYPE_TWO_STEPS)
-    constraints, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
     march = TimeStepper(
-        model,
-        constraints,
         equilibrium,
         program,
         SCHEMES["bdf2"],
@@ -89,11 +87,9 @@ def test_steps_shrink_where_friction_lets_go_and_grow_where_nothing_happens() ->
 
 def test_without_rates_steps_are_as_planned() -> None:
     model = scenes.model(scenes.sheet(0.6), scenes.BONDED, Numerics(2, quadrature=4, penalty=10.0))
-    constraints, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
     program = program_of([ramp(0.0, 0.01, 1.0, 3)])
-    march = TimeStepper(
-        model, constraints, equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6
-    )
+    march = TimeStepper(equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6)
     assert not march.measures_errors
     assert [s.time for s in march.steps()] == [m.time for m in program.milestones]
     equilibrium.destroy()

@@ -30,9 +30,9 @@ def march(
     model: Model, program: Program, controls: SolverOptions, smallest_step: float = 1 / 64
 ) -> tuple[TimeStepper, EquilibriumSolver]:
     model.field.x.array[:] = 0
-    constraints, equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, controls=controls)
     scheme = SCHEMES["backward-euler"]
-    return TimeStepper(model, constraints, equilibrium, program, scheme, smallest_step), equilibrium
+    return TimeStepper(equilibrium, program, scheme, smallest_step), equilibrium
 
 
 def run(
@@ -221,11 +221,9 @@ def test_without_predictor_a_step_starts_from_the_last_state_and_ends_the_same()
     found = {}
     for predict in (True, False):
         model = bonded()
-        constraints, equilibrium = scenes.solver(model, scenes.PULL, SolverOptions())
+        equilibrium = scenes.solver(model, scenes.PULL, SolverOptions())
         scheme = SCHEMES["backward-euler"]
-        marching = TimeStepper(
-            model, constraints, equilibrium, pull(0.04, 8), scheme, 0.5, predict=predict
-        )
+        marching = TimeStepper(equilibrium, pull(0.04, 8), scheme, 0.5, predict=predict)
         *_, last = marching.steps()
         found[predict] = (last.iterations, model.field.x.array.copy())
         equilibrium.destroy()

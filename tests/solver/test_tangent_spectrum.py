@@ -27,7 +27,8 @@ def pushed(
     """Return the bonded sheet after one step from rest."""
     on = scenes.sheet(fibres=scenes.ALONG)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    constraints = equilibrium.problem.constraints
     constraints.set(displacement)
     return model, equilibrium, equilibrium.solve()
 
@@ -35,7 +36,7 @@ def pushed(
 def tangent(equilibrium: EquilibriumSolver) -> NDArray[np.float64]:
     """Return both halves of the tangent of the present state."""
     equilibrium.tangent()
-    matrix = scenes.tangent(equilibrium._model, equilibrium._constraints.bcs)
+    matrix = scenes.tangent(equilibrium.problem.model, equilibrium.problem.constraints.bcs)
     values: NDArray[np.float64] = matrix.convert("dense").getDenseArray().copy()
     matrix.destroy()
     assert np.abs(values - values.T).max() < 1e-12 * np.abs(values).max()
@@ -44,7 +45,7 @@ def tangent(equilibrium: EquilibriumSolver) -> NDArray[np.float64]:
 
 def held(equilibrium: EquilibriumSolver) -> NDArray[np.int32]:
     """Return the prescribed unknowns."""
-    return np.concatenate([bc.dof_indices()[0] for bc in equilibrium._constraints.bcs])
+    return np.concatenate([bc.dof_indices()[0] for bc in equilibrium.problem.constraints.bcs])
 
 
 @pytest.mark.parametrize("times", [0.0, 0.5, 0.95, 1.1, 4.0, 40.0, 400.0])
@@ -65,7 +66,7 @@ def test_pivots_are_searched_for_only_where_one_was_negative(
     _, equilibrium, _ = pushed(times * CRITICAL)
     viewer = PETSc.Viewer().createASCII(str(tmp_path / "solver.txt"), comm=PETSc.COMM_SELF)
     viewer.pushFormat(PETSc.Viewer.Format.ASCII_INFO_DETAIL)
-    equilibrium.factor.view(viewer)
+    equilibrium.linear.view(viewer)
     viewer.destroy()
     seen = (tmp_path / "solver.txt").read_text()
     assert re.findall(r"SYM \(matrix type\): *(\d)", seen) == [kind]
@@ -95,8 +96,8 @@ def critical() -> float:
     while high - low > 1e-6 * CRITICAL:
         middle = (low + high) / 2
         straight(model, middle)
-        equilibrium.inertia._refactor()
-        low, high = (low, middle) if equilibrium.inertia._factor.negatives else (middle, high)
+        equilibrium.spectrum._refactor()
+        low, high = (low, middle) if equilibrium.spectrum._factor.negatives else (middle, high)
     equilibrium.destroy()
     return low
 
@@ -112,7 +113,7 @@ def test_a_saddle_is_found_though_newtons_last_tangent_was_definite(
     model, equilibrium, first = pushed(0.5 * unit)
     model.last.x.array[:] = model.field.x.array
     straight(model, start * unit)
-    equilibrium._constraints.set(end * unit)
+    equilibrium.problem.constraints.set(end * unit)
     outcome = equilibrium.solve()
     assert (first.negatives, outcome.converged, outcome.iterations) == (0, True, 1)
     assert outcome.negatives == 1
@@ -134,11 +135,11 @@ def test_other_linear_solvers_are_judged_by_a_factor_of_their_own(
 
 @pytest.mark.parametrize("times", [0.5, 1.1, 40.0])
 def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> None:
-    model, equilibrium, _ = pushed(times * CRITICAL)
+    _, equilibrium, _ = pushed(times * CRITICAL)
     values, rows = tangent(equilibrium), held(equilibrium)
     free = np.setdiff1d(np.arange(len(values)), rows)
     lowest, vectors = np.linalg.eigh(values[np.ix_(free, free)])
-    mode = softest_mode(model, equilibrium)
+    mode = softest_mode(equilibrium)
     assert np.abs(mode).max() == pytest.approx(1.0)
     assert not mode[rows].any()
     part = mode[free] / np.linalg.norm(mode)
@@ -149,7 +150,7 @@ def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> N
 
 def test_a_null_pivot_is_not_negative() -> None:
     _, equilibrium, _ = pushed(0.0)
-    matrix, inertia = equilibrium._system.matrix, equilibrium.inertia
+    matrix, inertia = equilibrium.problem.matrix, equilibrium.spectrum
     matrix.zeroEntries()
     diagonal = matrix.getDiagonal()
     diagonal.array_w[:] = 1.0
@@ -166,16 +167,16 @@ def test_a_null_pivot_is_not_negative() -> None:
 def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
     model, equilibrium, outcome = pushed(1.5 * CRITICAL)
     assert outcome.negatives == 1
-    mode = softest_mode(model, equilibrium)
+    mode = softest_mode(equilibrium)
     model.field.x.array[:] += 1e-6 * mode
     equilibrium.tangent()
-    x, force, step = (equilibrium._newton.solution.duplicate() for _ in range(3))
+    x, force, step = (equilibrium.newton.solution.duplicate() for _ in range(3))
     x.array_w[:] = model.field.x.array
-    equilibrium._newton.evaluate_residual(None, x, force)
-    equilibrium.inertia._factor.renew()
-    equilibrium.inertia._factor.solve(force, step)
+    equilibrium.newton.evaluate_residual(None, x, force)
+    equilibrium.spectrum._factor.renew()
+    equilibrium.spectrum._factor.solve(force, step)
     assert force.dot(step) < 0  # x - step has a higher potential
-    equilibrium.inertia.descend(force, step)
+    equilibrium.spectrum.descend(force, step)
     assert force.dot(step) > 0
     for vector in (x, force, step):
         vector.destroy()
@@ -186,11 +187,11 @@ def test_a_saddle_is_left_for_a_minimum_of_lower_potential_on_either_side() -> N
     sides = []
     for sign in (1.0, -1.0):
         model, equilibrium, outcome = pushed(1.5 * CRITICAL, SolverOptions(descend=True))
-        before, at = equilibrium.energy(), model.field.x.array.copy()
-        mode = softest_mode(model, equilibrium)
-        outcome = leave_saddle(model, equilibrium, sign * mode)
+        before, at = equilibrium.problem.energy(), model.field.x.array.copy()
+        mode = softest_mode(equilibrium)
+        outcome = leave_saddle(equilibrium, sign * mode)
         assert outcome.converged and outcome.negatives == 0
-        assert equilibrium.energy() < before
+        assert equilibrium.problem.energy() < before
         sides.append((model.field.x.array - at) @ mode)
         equilibrium.destroy()
     assert sides[0] == pytest.approx(-sides[1], rel=1e-3)
@@ -205,7 +206,8 @@ def test_tension_needs_no_more_factors_than_newton_in_the_whole_program(
     whole = TangentSpectrum._refactor
     monkeypatch.setattr(TangentSpectrum, "_refactor", lambda self: (made.append(1), whole(self))[1])
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
-    constraints, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
+    constraints = equilibrium.problem.constraints
     for displacement in np.linspace(0.0, 0.1, 11)[1:]:
         model.last.x.array[:] = model.field.x.array
         constraints.set(displacement)

@@ -1,0 +1,149 @@
+"""One case marched to its end, with the figures of the suite."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from benchmarks.hard.row import Figures, Setting
+from wovenfab.model.constraints import Constraints
+from wovenfab.model.model import Model
+from wovenfab.simulation.from_case import options_of, sheet_of
+from wovenfab.simulation.simulation import Observer, Simulation
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.stepping.stability import StabilityLoss
+from wovenfab.stepping.step import Step
+from wovenfab.stepping.step_size import StepSizeControl
+
+#: Steps below which a sum of work by the trapezoidal rule says nothing.
+ENOUGH_STEPS = 10
+
+
+class Measurement:
+    """A case stepped to its end, with what the figures of the suite need.
+
+    Attributes:
+        simulation: The case.
+        steps: The accepted steps so far.
+        margins: Smallest admissibility margin up to each of them.
+        end: ``"finished"`` or the diagnosis.
+        loss: The loss of stability that ended it, if one did.
+    """
+
+    def __init__(
+        self,
+        setting: Setting,
+        comm: MPI.Comm | None = None,
+        solver: type[EquilibriumSolver] = EquilibriumSolver,
+        step_size: Callable[[float], StepSizeControl] = StepSizeControl,
+    ) -> None:
+        """Compile the case of a setting; collective.
+
+        Args:
+            setting: The case.
+            comm: Its ranks; all unless given.
+            solver: Another solver, for comparison.
+            step_size: Another step size control, for comparison.
+        """
+        case = setting.case
+        options = replace(options_of(case), **setting.controls)
+        sheet = sheet_of(case, comm or MPI.COMM_WORLD)
+        self.simulation = Simulation(
+            case, sheet, options=options, solver=solver, step_size=step_size
+        )
+        self.steps: list[Step] = []
+        self.margins: list[float] = []
+        self.end = "finished"
+        self.loss: StabilityLoss | None = None
+
+    @property
+    def model(self) -> Model:
+        """The compiled model."""
+        return self.simulation.model
+
+    @property
+    def equilibrium(self) -> EquilibriumSolver:
+        """The solver."""
+        return self.simulation.solver
+
+    @property
+    def constraints(self) -> Constraints:
+        """The prescribed placements."""
+        return self.equilibrium.problem.constraints
+
+    def run(self, *observers: Observer) -> Measurement:
+        """Go through the program; collective."""
+        seen, crossing = [np.inf], self.equilibrium.crossing
+
+        def monitor(snes: Any, *_: Any) -> None:
+            self.equilibrium.problem.load(snes.getSolution())
+            seen.append(crossing.margin())
+
+        self.equilibrium.newton.snes.setMonitor(monitor)
+
+        def record(step: Step) -> None:
+            seen.append(crossing.margin())
+            self.steps.append(step)
+            self.margins.append(min(seen))
+
+        failure = self.simulation.run(record, *observers).failure
+        if failure is not None:
+            self.end, self.loss = str(failure), getattr(failure, "loss", None)
+        self.margins[-1] = min(seen)
+        return self
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Force (N) of the driven edge along its motion, at each step."""
+        return np.array([s.force for s in self.steps])
+
+    def figures(self, **checks: float) -> Figures:
+        """Return the figures, with more checks."""
+        made = self.steps[1:]
+        iterations = [s.iterations for s in made]
+        work = np.array([s.work for s in self.steps])
+        energy = [sum(s.stored.values()) + sum(s.dissipated.values()) for s in self.steps]
+        size = float(np.abs(work).max(initial=0.0))
+        summed = len(made) >= ENOUGH_STEPS and size > 0
+        series = {
+            "displacement": [s.displacement for s in self.steps],
+            "time": [s.time for s in self.steps],
+            "force": self.force.tolist(),
+            "margin": self.margins,
+            "iterations": iterations,
+        }
+        return Figures(
+            unknowns=self.model.unknowns,
+            steps=len(made),
+            mean=float(np.mean(iterations)) if made else 0.0,
+            worst=max(iterations, default=0),
+            cutbacks=sum(s.cutbacks for s in made),
+            margin=min(self.margins),
+            imbalance=float(np.abs(work - energy).max() / size) if summed else None,
+            end=self.end,
+            series=series,
+        ).with_checks(**checks)
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        self.simulation.destroy()
+
+
+def measured(setting: Setting) -> Figures:
+    """Run a setting and return its figures; collective."""
+    measurement = Measurement(setting).run()
+    figures = measurement.figures()
+    measurement.destroy()
+    return figures
+
+
+def last_force(setting: Setting) -> float:
+    """Return the force (N) at the end of a setting's program; collective."""
+    measurement = Measurement(setting).run()
+    measurement.destroy()
+    return float(measurement.force[-1])
