@@ -113,11 +113,11 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
 
 def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
     controls = SolverOptions(options={"ksp_type": "gmres"})
-    _, equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
+    equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
     found = equilibrium.linear.method[0]
     equilibrium.destroy()
-    _, plain = scenes.solver(bonded(scenes.PROTOTYPE, 0.15))
-    later = plain.factor.method[0]
+    plain = scenes.solver(bonded(scenes.PROTOTYPE, 0.15))
+    later = plain.linear.method[0]
     plain.destroy()
     PETSc.Options().delValue("ksp_type")  # should it have stayed, other tests need not suffer
     assert (found, later) == ("gmres", "preonly")
