@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
-from benchmarks.hard.trials import Counted, Halving, Patient, TrustRegion
+from benchmarks.hard.trials import Counted, Halving, Patient, Shifted, TrustRegion
 from wovenfab.stepping.step_size import StepSizeControl
 
 BONDED = Setting("bonded-1x3", ("discretisation.penalty=auto", "solver.stability=ignore"))
@@ -56,13 +56,9 @@ class Tally:
 def _by(
     solver: type[Counted],
     step_size: Callable[[float], StepSizeControl] = StepSizeControl,
-    **controls: Any,
 ) -> Callable[[Setting], Tally]:
     def run(setting: Setting) -> Tally:
-        measurement = Measurement(
-            replace(setting, controls=controls), solver=solver, step_size=step_size
-        ).run()
-        return _tally(measurement)
+        return _tally(Measurement(setting, solver=solver, step_size=step_size).run())
 
     return run
 
@@ -107,7 +103,7 @@ WAYS: Mapping[str, Callable[[Setting], Tally]] = {
     "searches without success go on": _by(Patient),
     "halving, without memory": _by(Counted, Halving),
     "halving, searches go on": _by(Patient, Halving),
-    "shift to a definite tangent": _by(Counted, descend=True),
+    "shift to a definite tangent": _by(Shifted),
     "trust region (newtontr)": _by(TrustRegion),
     "continuation in K_e, no cuts": _continued,
 }

@@ -9,7 +9,8 @@ from petsc4py import PETSc
 
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import Problem
 from wovenfab.stepping.step_size import CUT, StepSizeControl
 
 Reason = PETSc.SNES.ConvergedReason
@@ -34,6 +35,36 @@ class Counted(EquilibriumSolver):
         self.solves += 1
         self.iterations += outcome.iterations
         return outcome
+
+
+class _UnlimitedNewton(NewtonSolver):
+    """Newton's method whose steps may cross the families."""
+
+    def admissible_length(self, y: Any) -> float:
+        """Note the step and take all of it."""
+        super().admissible_length(y)
+        return 1.0
+
+
+class Unlimited(EquilibriumSolver):
+    """The solver without the step limit."""
+
+    newton_solver = _UnlimitedNewton
+
+
+class _UnsearchedNewton(NewtonSolver):
+    """Newton's method without line search."""
+
+    def search_line(self, x: Any, y: Any, longest: float) -> float:
+        """Take the longest step."""
+        self._search.forget()
+        return longest
+
+
+class Unsearched(EquilibriumSolver):
+    """The solver without line search."""
+
+    newton_solver = _UnsearchedNewton
 
 
 class _PatientNewton(NewtonSolver):
@@ -64,7 +95,7 @@ class _TrustRegionNewton(NewtonSolver):
     def evaluate_objective(self, snes: Any, x: Any) -> float:
         """Return the potential, J; infinite where families cross."""
         energy = super().evaluate_objective(snes, x)
-        return energy if self.barrier.margin() > 0 else float("inf")
+        return energy if self.crossing.margin() > 0 else float("inf")
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         """Put the tangent in the matrix, in a trust region the plain one."""
@@ -95,6 +126,14 @@ class TrustRegion(Counted):
         second = super().solve()
         self.solves -= 1
         return replace(second, iterations=first.iterations + second.iterations)
+
+
+class Shifted(Counted):
+    """Shifts every indefinite tangent until it is definite."""
+
+    def __init__(self, problem: Problem, options: SolverOptions) -> None:
+        """Create it as usual, with shifts."""
+        super().__init__(problem, replace(options, descend=True))
 
 
 class Halving(StepSizeControl):

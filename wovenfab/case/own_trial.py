@@ -71,18 +71,18 @@ def try_forms(effect: Effect) -> None:
 
 
 def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
-    """Form what a friction with carried stress consists of."""
+    """Form what a friction with its stress at points consists of."""
     import basix.ufl
 
     size, degree = components_of(term, balance), DEGREE
     element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
     space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
-    carried = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
-    _require_scalar("the strength of a bound", carried.strength())
-    carried.jacobian(trial, test)
-    carried.residual(test)
-    carried.creep()
-    carried.loss()
+    friction = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
+    _require_scalar("the strength of a bound", friction.strength())
+    friction.jacobian(trial, test)
+    friction.residual(test)
+    friction.creep()
+    friction.loss()
 
 
 def _require_scalar(what: str, found: Any) -> None:
