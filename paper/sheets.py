@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from paper.campaign import Results
 from paper.figures import Panel, PaperFigure
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.fields import read_fields
 from wovenfab.report.field_styles import FIELD_STYLES, Scale, scale_of
 from wovenfab.report.run_data import largest, open_run_data
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at

@@ -12,8 +12,8 @@ from PIL import Image
 from tests.report.sample import FIBRES, LENGTH, WIDTH, make
 from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import polylines
+from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.animation import PIXELS, animate
 from wovenfab.report.metadata import read_stamp
 from wovenfab.report.run_data import open_run_data

@@ -7,9 +7,8 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from tests.report.sample import make
-from wovenfab.record.fields import FieldSeries
+from wovenfab.record.fields import FieldSeries, Lattice, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.deformed import deformed
 from wovenfab.report.loop import loop
 from wovenfab.report.mode import SHOWN, mode
@@ -149,12 +148,9 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     points, row = stored.points(), 3
     wave = np.sin(np.pi * points[:, 0] / np.ptp(points[:, 0]))
     parts = np.column_stack([np.zeros_like(wave), wave])
-    lattice = stored.triangles()
     cells = np.arange(len(points) // 10)
-    inside = lattice - 10 * (lattice // 10)
-    triangles = inside + 10 * np.repeat(cells, len(lattice) // len(cells))[:, None]
     units = {"displacement": "m", "mode": "1"}
-    series = FieldSeries(small, MPI.COMM_SELF, points, triangles, cells, units, "mode")
+    series = FieldSeries(small, MPI.COMM_SELF, Lattice(3), points, cells, units, "mode")
     series.write(0, history["time_s"][row], {"displacement": 0 * parts, "mode": parts})
     drawn = draw(small)
     assert [path.name for path in drawn][-1] == "mode.png"

@@ -8,8 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.report.sample import make, mesh
-from wovenfab.record.fields import Lattice
-from wovenfab.record.stored_fields import StoredFields, read_fields
+from wovenfab.record.fields import Lattice, StoredFields, read_fields
 from wovenfab.report.curves import energies, losses, parts, solver
 from wovenfab.report.field_styles import scale_of, telling_field
 from wovenfab.report.mesh import corners

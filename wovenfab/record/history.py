@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from math import fsum, isfinite
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
@@ -17,31 +17,17 @@ from wovenfab.parallel import on_root, world
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from wovenfab.stepping.step import Step
+
 HISTORY = "history.csv"
 REACTIONS = "reactions.csv"
-#: Columns with the estimated errors of steps.
+#: Columns with the estimated errors of the time steps.
 ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
 
 
 @dataclass(frozen=True)
 class StepRecord:
-    """What is known of one step when it has converged.
-
-    Attributes:
-        step: Number of the step; 0 is the start.
-        time: Time (s).
-        displacement: Displacement of the driven edge along the program (m).
-        force: Reaction on it along the program (N).
-        force_transverse: Reaction on it across the program (N).
-        stored: Energy stored now by each effect (J).
-        dissipated: Energy lost since the start by each effect (J).
-        work: Work done by the driven edges since the start (J).
-        iterations: Newton iterations of the step.
-        reactions: Reaction of each named edge, x and y (N).
-        negatives: Negative eigenvalues of the tangent; 0 where the state is a minimum.
-        errors: Estimated errors of the steps in force (N) and dissipated energy (J); only where
-            the history has them.
-    """
+    """A row of the history as plain values, for callers that have no ``Step``."""
 
     step: int
     time: float
@@ -57,7 +43,7 @@ class StepRecord:
     errors: tuple[float, float] | None = None
 
 
-class History:
+class History(AbstractContextManager["History"]):
     """Writes ``history.csv`` and ``reactions.csv``, row by row; rank 0 writes, all call.
 
     Totals and the energy imbalance (work - change of stored energy - dissipated energy,
@@ -80,45 +66,45 @@ class History:
             stored: Names of the effects that store energy.
             dissipated: Names of the effects that dissipate energy.
             edges: Names of the edges whose reactions are recorded.
-            comm: The ranks that call; all of MPI's if None.
-            errors: Whether the errors of steps are recorded, too.
+            comm: The ranks that call; the world communicator if None.
+            errors: Whether there are columns for the estimated errors of the time steps.
         """
-        self._has_errors = errors
         self._comm = world() if comm is None else comm
-        self._stored, self._dissipated, self._edges = (
-            tuple(stored),
-            tuple(dissipated),
-            tuple(edges),
-        )
+        self._stored, self._dissipated = tuple(stored), tuple(dissipated)
+        self._edges, self._errors = tuple(edges), ERRORS if errors else ()
         self._initial_energy: float | None = None
         self._last_time = -float("inf")
         self._files: list[TextIO] = []
         on_root(self._comm, lambda: self._open(Path(directory)))
 
-    def append(self, row: StepRecord) -> None:
+    def append(
+        self,
+        step: Step | StepRecord,
+        force: tuple[float, float] = (0.0, 0.0),
+        errors: tuple[float, float] | None = None,
+    ) -> None:
         """Write one row to both files and flush them; collective.
+
+        Args:
+            step: The accepted step. A ``StepRecord`` brings its own force and errors.
+            force: Reaction on the driven edge (N), along the program and across it.
+            errors: Estimated errors of the time steps in force (N) and in dissipated
+                energy (J), if the history has columns for them.
 
         Raises:
             ValueError: A number is not finite, the effects or edges are not the announced
-                ones, or the time does not grow; then nothing is written.
+                ones, or the time does not increase; then nothing is written.
         """
-        on_root(self._comm, lambda: self._write(row))
+        if isinstance(step, StepRecord):
+            force, errors = (step.force, step.force_transverse), step.errors
+        on_root(self._comm, lambda: self._write(step, force, errors or ()))
 
     def close(self) -> None:
         """Close the files; a second call does nothing."""
         for file in self._files:
             file.close()
 
-    def __enter__(self) -> History:
-        """Return the history itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the files."""
         self.close()
 
@@ -128,7 +114,7 @@ class History:
             + [f"energy_{name}_J" for name in self._stored]
             + ["dissipated_J"]
             + [f"dissipated_{name}_J" for name in self._dissipated]
-            + ["work_J", "imbalance_J", *(ERRORS if self._has_errors else ())]
+            + ["work_J", "imbalance_J", *self._errors]
             + ["newton_iterations", "negative_eigenvalues"]
         )
         reactions = ["step", "time_s"] + [f"{e}_{xy}_N" for e in self._edges for xy in "xy"]
@@ -137,34 +123,36 @@ class History:
             self._files.append(file)
             _write_row(file, header)
 
-    def _write(self, row: StepRecord) -> None:
-        for what, given, wanted in (
-            ("stored energies", row.stored, self._stored),
-            ("dissipated energies", row.dissipated, self._dissipated),
-            ("reactions", row.reactions, self._edges),
-            ("errors", ERRORS if row.errors else (), ERRORS if self._has_errors else ()),
+    def _write(
+        self, step: Step | StepRecord, force: tuple[float, float], errors: Sequence[float]
+    ) -> None:
+        for what, given, announced in (
+            ("stored energies", step.stored, self._stored),
+            ("dissipated energies", step.dissipated, self._dissipated),
+            ("reactions", step.reactions, self._edges),
+            ("errors", ERRORS if errors else (), self._errors),
         ):
-            if set(given) != set(wanted):
+            if set(given) != set(announced):
                 raise ValueError(
-                    f"{what} of {sorted(given)} given, but the history has {sorted(wanted)}"
+                    f"{what} of {sorted(given)} given, but the history has {sorted(announced)}"
                 )
-        if row.time <= self._last_time:
-            raise ValueError(f"time {row.time} s comes after {self._last_time} s in the history")
-        stored = [float(row.stored[name]) for name in self._stored]
-        dissipated = [float(row.dissipated[name]) for name in self._dissipated]
-        energy, lost, work = fsum(stored), fsum(dissipated), float(row.work)
+        number = int(step.step if isinstance(step, StepRecord) else step.number)
+        if step.time <= self._last_time:
+            raise ValueError(f"time {step.time} s comes after {self._last_time} s in the history")
+        stored = [float(step.stored[name]) for name in self._stored]
+        dissipated = [float(step.dissipated[name]) for name in self._dissipated]
+        energy, lost, work = fsum(stored), fsum(dissipated), float(step.work)
         initial = energy if self._initial_energy is None else self._initial_energy
-        driven = [float(v) for v in (row.displacement, row.force, row.force_transverse)]
-        balance = [work, work - (energy - initial) - lost, *(map(float, row.errors or ()))]
-        numbers = [float(row.time), *driven, energy, *stored, lost, *dissipated, *balance]
-        reactions = [float(row.reactions[edge][i]) for edge in self._edges for i in (0, 1)]
-        bad = [value for value in (*numbers, *reactions) if not isfinite(value)]
-        if bad:
-            raise ValueError(f"step {row.step} has numbers that are not finite: {row}")
+        driven = [float(value) for value in (step.time, step.displacement, *force)]
+        balance = [work, work - (energy - initial) - lost, *map(float, errors)]
+        numbers = [*driven, energy, *stored, lost, *dissipated, *balance]
+        reactions = [float(component) for e in self._edges for component in step.reactions[e]]
+        if not all(map(isfinite, (*numbers, *reactions))):
+            raise ValueError(f"step {number} has numbers that are not finite: {step}")
         history, forces = self._files
-        counts = [str(int(row.iterations)), str(int(row.negatives))]
-        _write_row(history, [str(int(row.step)), *map(repr, numbers), *counts])
-        _write_row(forces, [str(int(row.step)), *map(repr, [numbers[0], *reactions])])
+        counts = int(step.iterations), int(step.negatives)
+        _write_row(history, [str(number), *map(repr, numbers), *map(str, counts)])
+        _write_row(forces, [str(number), *map(repr, [numbers[0], *reactions])])
         self._initial_energy, self._last_time = initial, numbers[0]
 
 
@@ -176,6 +164,16 @@ def read_history(directory: str | Path) -> dict[str, NDArray[np.float64]]:
 def read_reactions(directory: str | Path) -> dict[str, NDArray[np.float64]]:
     """Return the columns of ``reactions.csv`` by name, each of shape (steps,)."""
     return _read(Path(directory) / REACTIONS)
+
+
+def index_of_peak(forces: Sequence[float] | NDArray[np.float64]) -> int:
+    """Return which of the recorded forces is the peak: the first one of largest size."""
+    return int(np.abs(forces).argmax())
+
+
+def peak_force(forces: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return ``peak_force_N``: the recorded force (N) of largest size, with its sign."""
+    return float(forces[index_of_peak(forces)])
 
 
 def _write_row(file: TextIO, cells: Sequence[str]) -> None:

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
-from wovenfab.record.cycles import window
+from wovenfab.record.fields import StoredFields
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.summary import window
 from wovenfab.report.field_styles import Scale, colour_bar, scale_of, telling_field
 from wovenfab.report.metadata import comment
 from wovenfab.report.run_data import RunData, largest

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.record.cycles import Cycle, window
+from wovenfab.record.summary import Cycle, window
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import APART, DASHES, INK, MILLIMETRE, QUIET, WIDTH, readable
 

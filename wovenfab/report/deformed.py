@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.field_styles import Scale, colour_bar, scale_of, telling_field
 from wovenfab.report.run_data import RunData, largest
 from wovenfab.report.sheet import Sheet, Values, draw_outline, draw_yarns, paint, sheet_at

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import MILLIMETRE, WIDTH, fill
 

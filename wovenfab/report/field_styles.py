@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.style import DEGREE, Unit, both_ways, fill, readable
 
 Values = NDArray[np.float64]

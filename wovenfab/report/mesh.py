@@ -10,8 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from wovenfab.record.fields import Lattice
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import Lattice, StoredFields
 from wovenfab.report.deformed import sheet_size
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import MILLIMETRE, QUIET, YARNS

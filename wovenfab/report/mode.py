@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.deformed import drawn
 from wovenfab.report.field_styles import Scale
 from wovenfab.report.run_data import RunData

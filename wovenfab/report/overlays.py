@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from wovenfab.record.cycles import Cycle
+from wovenfab.record.summary import Cycle
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import DASHES, MILLIMETRE, QUIET, WIDTH, readable, sequence
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from wovenfab.record.field_file import DATA, ERROR, MODE
-from wovenfab.record.stored_fields import StoredFields, read_fields
+from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.report.animation import ANIMATION, animate
 from wovenfab.report.deformed import deformed
 from wovenfab.report.error import error

@@ -16,11 +16,10 @@ import pint
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
-from wovenfab.record.cycles import Cycle, cycles
+from wovenfab.record.fields import StoredFields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import Provenance, of_summary, this_process
-from wovenfab.record.stored_fields import StoredFields
-from wovenfab.record.summary import read_summary
+from wovenfab.record.summary import Cycle, cycles, read_summary
 from wovenfab.report.style import MILLIMETRE
 
 

@@ -12,7 +12,7 @@ from matplotlib.colors import Colormap, Normalize
 from matplotlib.tri import Triangulation
 from numpy.typing import NDArray
 
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import INK, MILLIMETRE, QUIET, YARNS
 from wovenfab.report.yarns import Polyline, Triangles, material_lines, outline

@@ -13,7 +13,7 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from wovenfab.record.field_file import FieldFile, polylines
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.run_data import RunData
 from wovenfab.report.sheet import YARNS_ALONG, displacements
 

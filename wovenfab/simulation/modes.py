@@ -64,8 +64,8 @@ class Modes:
         series = FieldSeries(
             self._directory,
             self._model.comm,
+            lattice,
             probe.positions().reshape(-1, 2),
-            lattice.connectivity(len(probe.cells)),
             self._model.sheet.original_cells[probe.cells],
             units | {name.replace("displacement", "mode"): "1" for name in units},
             MODE,

@@ -14,11 +14,10 @@ from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
-from wovenfab.record.cycle_table import write_cycles
 from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, StepRecord, read_history
 from wovenfab.record.results import write_whole
-from wovenfab.record.summary import summarise, write_summary
+from wovenfab.record.summary import summarise, write_cycles, write_summary
 from wovenfab.simulation.modes import Modes
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.simulation import Simulation
@@ -140,8 +139,8 @@ class _Fields:
         self._series = FieldSeries(
             directory,
             model.comm,
+            lattice,
             self._probe.positions().reshape(-1, 2),
-            lattice.connectivity(len(cells)),
             model.sheet.original_cells[cells],
             {f.name: f.unit or "1" for f in self._probe.fields},
         )

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from wovenfab.record.cycle_table import read_cycles
 from wovenfab.record.field_file import DATA, MODE
-from wovenfab.record.stored_fields import StoredFields, read_fields
-from wovenfab.record.summary import read_summary
+from wovenfab.record.fields import StoredFields, read_fields
+from wovenfab.record.summary import read_cycles, read_summary
 from wovenfab.report import curves
 from wovenfab.report.deformed import deformed
 from wovenfab.report.field_styles import FIELD_STYLES, painted_fields
