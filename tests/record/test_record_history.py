@@ -8,11 +8,11 @@ from mpi4py import MPI
 
 from wovenfab.record.history import (
     ERRORS,
+    REACTIONS,
     History,
     index_of_peak,
     peak_force,
     read_history,
-    read_reactions,
 )
 from wovenfab.stepping.step import Step
 
@@ -78,7 +78,7 @@ def test_dissipated_energy_has_its_column_without_dissipative_effects(tmp_path: 
 
 
 def test_numbers_come_back_to_the_last_bit(both: Path) -> None:
-    table, reactions = read_history(both), read_reactions(both)
+    table, reactions = read_history(both), read_history(both, REACTIONS)
     assert table["time_s"][1] == SECOND.time
     assert table["displacement_m"][1] == SECOND.displacement
     assert table["force_N"][1] == FORCE[0]
@@ -103,7 +103,7 @@ def test_a_row_is_on_disk_before_the_next_one(tmp_path: Path) -> None:
     history = start(tmp_path)
     history.append(FIRST, NO_FORCE)
     assert len(read_history(tmp_path)["step"]) == 1
-    assert len(read_reactions(tmp_path)["step"]) == 1
+    assert len(read_history(tmp_path, REACTIONS)["step"]) == 1
     history.close()
 
 
@@ -125,7 +125,7 @@ def test_numbers_that_are_not_finite_reach_no_file(tmp_path: Path, change: dict)
             history.append(SECOND, (nan, 0.0))
         history.append(SECOND, FORCE)
     assert read_history(tmp_path)["step"].tolist() == [0, 1]
-    assert read_reactions(tmp_path)["step"].tolist() == [0, 1]
+    assert read_history(tmp_path, REACTIONS)["step"].tolist() == [0, 1]
 
 
 @pytest.mark.parametrize(

@@ -145,7 +145,7 @@ def cycles(amplitudes: list[float], speed: float = 0.5, count: int = 80) -> tupl
 
 
 def steps(time: Array, u: Array, rate: Array) -> list[tuple[Step, float]]:
-    """Return the steps (and their force, N) of a hardening spring beside a rounded friction slider."""
+    """Return the steps of a hardening spring beside a rounded slider, with their force (N)."""
 
     def integral(force: Array) -> Array:
         return np.concatenate([[0], np.cumsum(np.diff(u) * (force[1:] + force[:-1]) / 2)])

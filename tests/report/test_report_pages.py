@@ -17,10 +17,8 @@ from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
-from wovenfab.report.pages.blocks import Table, Text, section, write_page
-from wovenfab.report.pages.comparison import default_place, flat, labels, write_comparison
-from wovenfab.report.pages.run_page import write_run_page
-from wovenfab.report.pages.tables import cycle_table
+from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
+from wovenfab.report.pages import default_place, flat, labels, write_comparison, write_run_page
 from wovenfab.report.run_data import open_run_data
 
 

@@ -9,11 +9,10 @@ from mpi4py import MPI
 from tests.report.sample import make
 from wovenfab.record.fields import FieldSeries, Lattice, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.report.deformed import deformed
-from wovenfab.report.loop import loop
-from wovenfab.report.mode import SHOWN, mode
+from wovenfab.report.curves import loop
 from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
+from wovenfab.report.sheet import MODE_SIZE, deformed, mode
 from wovenfab.report.style import readable
 
 
@@ -160,4 +159,4 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     assert f"{history['force_N'][row]:.4g} N" in said
     triangulation = axes.collections[0].get_datalim(axes.transData)
     width = 1e3 * np.ptp(points[:, 1])
-    assert triangulation.height == pytest.approx(width + 1e3 * SHOWN * 0.9, rel=0.05)
+    assert triangulation.height == pytest.approx(width + 1e3 * MODE_SIZE * 0.9, rel=0.05)

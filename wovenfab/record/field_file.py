@@ -103,13 +103,9 @@ class FieldFile:
             file.create_group("steps")
 
     def add(self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]) -> None:
-        """Write one time: first the data, then the XDMF that refers to them.
+        """Write one time (s): first the data, then the XDMF that refers to them.
 
-        Args:
-            step: Number of the step.
-            time: Time (s), later than the last one.
-            fields: Every field on the points, shape (n,) or (n, 2); with moving points, the
-                points among them.
+        Every field is given on the points, shape (n,) or (n, 2); moving points among them.
 
         Raises:
             ValueError: The time does not increase, or a field changed its shape.
@@ -136,12 +132,8 @@ class FieldFile:
 
         Each frame has topology, geometry and all attributes itself, without references:
         ParaView's first reader crashes on the form with ``xi:include``, and the other two
-        split the fields over blocks when each has a collection of its own.
-
-        Args:
-            time: Time (s).
-            group: The HDF5 group of its fields.
-            vectors: For each field whether it is a vector (three components) or a scalar.
+        split the fields over blocks when each has a collection of its own. ``vectors`` says
+        of each field in the HDF5 group whether it has three components.
         """
         grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
         ET.SubElement(grid, "Time", Value=repr(time))

@@ -74,11 +74,7 @@ class Blocks:
     """
 
     def __init__(self, comm: MPI.Comm, cells: NDArray[Any]) -> None:
-        """Exchange the cell numbers; collective.
-
-        Args:
-            comm: The ranks that hold the blocks.
-            cells: Global number of each local block's cell, shape (blocks,).
+        """Exchange the global numbers of each rank's cells, one a block; collective.
 
         Raises:
             ValueError: Two blocks have the same cell (a ghost, say); on every rank.
@@ -173,10 +169,8 @@ class FieldSeries:
     def write(self, step: int, time: float, data: Mapping[str, NDArray[np.float64]]) -> None:
         """Add one time to the series; collective. The files are then complete and closed.
 
-        Args:
-            step: Number of the step, as in the history.
-            time: Time (s), later than the last one written.
-            data: Every announced field on the local points, shape (n,) or (n, 2).
+        The times (s) increase; ``data`` has every announced field on the local points, shape
+        (n,) or (n, 2).
 
         Raises:
             ValueError: A field is missing, unknown, of a wrong shape or not finite, or the
@@ -238,12 +232,7 @@ class StoredFields:
         return corners
 
     def field(self, name: str, index: int) -> NDArray[np.float64]:
-        """Return a field on the points in SI units, shape (n,) or (n, 2).
-
-        Args:
-            name: One of ``units``.
-            index: Index into ``times``; -1 is the last.
-        """
+        """Return a field at ``times[index]`` on the points in SI units, shape (n,) or (n, 2)."""
         return _planar(self._load(f"steps/{self.steps[index]:06d}/{name}"))
 
     def _load(self, where: str) -> Any:

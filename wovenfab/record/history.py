@@ -156,14 +156,17 @@ class History(AbstractContextManager["History"]):
         self._initial_energy, self._last_time = initial, numbers[0]
 
 
-def read_history(directory: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of ``history.csv`` by name, each of shape (steps,)."""
-    return _read(Path(directory) / HISTORY)
+def read_history(directory: str | Path, name: str = HISTORY) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a table by name, each of shape (steps,).
 
-
-def read_reactions(directory: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of ``reactions.csv`` by name, each of shape (steps,)."""
-    return _read(Path(directory) / REACTIONS)
+    A last row that a killed run left unfinished is dropped.
+    """
+    text = (Path(directory) / name).read_text(encoding="utf-8")
+    header, *rows = text[: text.rfind("\n")].split("\n")
+    names = header.split(",")
+    values = np.array([row.split(",") for row in rows], dtype=np.float64)
+    values = values.reshape(len(rows), len(names))
+    return {column: values[:, i] for i, column in enumerate(names)}
 
 
 def index_of_peak(forces: Sequence[float] | NDArray[np.float64]) -> int:
@@ -179,13 +182,3 @@ def peak_force(forces: Sequence[float] | NDArray[np.float64]) -> float:
 def _write_row(file: TextIO, cells: Sequence[str]) -> None:
     file.write(",".join(cells) + "\n")
     file.flush()
-
-
-def _read(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Read a table; a last row that a killed run left unfinished is dropped."""
-    text = path.read_text(encoding="utf-8")
-    header, *rows = text[: text.rfind("\n")].split("\n")
-    names = header.split(",")
-    values = np.array([row.split(",") for row in rows], dtype=np.float64)
-    values = values.reshape(len(rows), len(names))
-    return {name: values[:, i] for i, name in enumerate(names)}

@@ -84,13 +84,9 @@ class ResultsExistError(Exception):
 def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> Path:
     """Prepare the results directory for a new run and return it; collective.
 
-    With ``overwrite`` the files of an earlier run are removed, and nothing else: a user's
-    own files stay, and a directory that wovenfab did not make is refused all the same.
-
-    Args:
-        path: The directory; it and its parents are made if missing.
-        overwrite: Whether the results of an earlier run may be replaced.
-        comm: The ranks that call; the world communicator if None.
+    It is made, with its parents, if missing. With ``overwrite`` the files of an earlier run
+    are removed, and nothing else: a user's own files stay, and a directory that wovenfab did
+    not make is refused all the same.
 
     Raises:
         ResultsExistError: The directory is in use or cannot be written.
@@ -134,7 +130,9 @@ def _prepare(directory: Path, overwrite: bool) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if overwrite:
-            _clear(directory)
+            for name in (*FILES, MARKER):  # the marker last
+                (directory / name).unlink(missing_ok=True)
+                (directory / f".{name}.part").unlink(missing_ok=True)
         (directory / MARKER).touch(exist_ok=False)
     except FileExistsError:  # another run made it in between
         raise _exists(directory) from None
@@ -142,14 +140,6 @@ def _prepare(directory: Path, overwrite: bool) -> None:
         raise ResultsExistError(
             f"{directory} cannot be written ({error.strerror}); choose another directory with -o"
         ) from None
-
-
-def _clear(directory: Path) -> None:
-    """Remove an earlier run's files, the marker last."""
-    for name in FILES:
-        (directory / name).unlink(missing_ok=True)
-        (directory / f".{name}.part").unlink(missing_ok=True)
-    (directory / MARKER).unlink(missing_ok=True)
 
 
 def _exists(directory: Path) -> ResultsExistError:

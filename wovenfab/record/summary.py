@@ -36,17 +36,13 @@ class Cycle:
     """The figures of one cycle.
 
     Attributes:
-        start: Time (s) at which the cycle begins.
-        end: Time (s) at which it ends; planned, if the run stopped before.
+        start, end: Times (s) at which it begins and ends, or should have ended.
         complete: Whether the run reached the end; if not, the figures are those so far.
-        peak_time: Time (s) of the reversal, where it is farthest from where it began.
-        peak_displacement: Displacement at the reversal (m).
-        peak_force: Force of largest size, with its sign (N).
-        residual_force: Force at the end (N).
+        peak_time, peak_displacement: Reversal (s, m): farthest from where it began.
+        peak_force, residual_force: Force of largest size, and at the end (N).
         secant_stiffness: Slope from the start to the reversal (N/m).
         loop_area: Integral of force over displacement, by trapezoids (J).
-        stored_at_peak: Energy stored at the reversal (J).
-        dissipated: Energy dissipated by all effects (J).
+        stored_at_peak, dissipated: Energy at the reversal, and lost by all effects (J).
         imbalance: Change of the energy imbalance (J).
     """
 
@@ -128,11 +124,7 @@ def write_cycles(
 ) -> None:
     """Write ``cycles.csv`` if there is a cycle; on one rank, after the fields.
 
-    Args:
-        directory: The results directory.
-        history: Columns of ``history.csv``.
-        spans: Times (s) at which each cycle begins and ends, in order.
-        specimen: The specimen of a bias-extension test, which adds columns.
+    A bias-extension test has its ``specimen``, which adds columns; see :func:`cycles`.
     """
     rows: list[dict[str, Figure]] = []
     for number, cycle in enumerate(cycles(history, spans), 1):
@@ -210,7 +202,7 @@ def summarise(
 
 def versions() -> dict[str, str]:
     """Return the versions of wovenfab, dolfinx, PETSc and Python."""
-    # PETSc is asked only if it is loaded: loading it on one rank would wait for the others
+    # not loaded here: that would wait for other ranks
     petsc: Any = sys.modules.get("petsc4py.PETSc")
     return {
         "wovenfab": _version("wovenfab"),
