@@ -18,9 +18,9 @@ from paper.elements_page import ERRORS, LOOPS, YARNS
 from paper.elements_yarns import yarns
 from paper.figures import CYCLE, FIGURES, Panel, PaperFigure
 from paper.sheets import sheets
-from wovenfab.record.cycles import window
+from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.summary import window
 from wovenfab.report.animation import animate
 from wovenfab.report.curves import program
 from wovenfab.report.run_data import open_run_data

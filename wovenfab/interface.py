@@ -11,7 +11,7 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from dolfinx import fem
     from mpi4py import MPI
 
-    from wovenfab.record.stored_fields import StoredFields
+    from wovenfab.record.fields import StoredFields
     from wovenfab.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ class Run:
         Raises:
             FileNotFoundError: If no fields were stored.
         """
-        from wovenfab.record.stored_fields import read_fields
+        from wovenfab.record.fields import read_fields
 
         if self.directory is None:
             raise FileNotFoundError(

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import read_case
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.fields import read_fields
 
 #: A bonded sheet with spin friction on a coarse mesh: one placement, two cycles, quick.
 CASE = """\

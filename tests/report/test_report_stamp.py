@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 
 from wovenfab.record.results import Provenance, this_process
 from wovenfab.record.summary import read_summary
-from wovenfab.report.metadata import faults, read_stamp
+from wovenfab.report import draw_in_subprocess
 from wovenfab.report.run_data import origin_of
-from wovenfab.report.style import save
-from wovenfab.report.subprocess import draw_in_subprocess
+from wovenfab.report.style import read_provenance, save
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -24,9 +23,23 @@ PICTURES = sorted(
 ORIGIN = Provenance("wovenfab run 'a b.yaml' --set x=\"1 <m>\"", "0123456789ab")
 
 
+def faults(origin: Provenance) -> list[str]:
+    """Return what keeps others from making a published picture again, in words."""
+    problems = []
+    if not origin.command:
+        problems.append("it does not say which command made it")
+    if re.search(r"(^|[\s='\"])[/~]", origin.command):
+        problems.append(f"its command has a path of one machine: {origin.command}")
+    if not re.fullmatch(r"[0-9a-f]{12}(; [0-9a-f]{12})*", origin.commit):
+        problems.append(
+            f"its commit is {origin.commit!r}: draw it through env/enter, from committed code"
+        )
+    return problems
+
+
 @pytest.mark.parametrize("path", PICTURES, ids=lambda path: path.name)
 def test_a_picture_of_the_documents_says_how_it_was_made(path: Path) -> None:
-    origin = read_stamp(path)
+    origin = read_provenance(path)
     assert faults(origin) == [], "make pictures"
     link = re.compile(rf"""(\]\(|src=")[^)"]*\b{re.escape(path.name)}[)"]""")
     shown = [text for text in map(Path.read_text, DOCUMENTS) if link.search(text)]
@@ -37,11 +50,11 @@ def test_a_picture_of_the_documents_says_how_it_was_made(path: Path) -> None:
 
 @pytest.mark.parametrize("kind", ["png", "svg"])
 def test_what_is_written_is_read_again(kind: str, tmp_path: Path) -> None:
-    assert read_stamp(save(Figure(), tmp_path / f"empty.{kind}", ORIGIN)) == ORIGIN
+    assert read_provenance(save(Figure(), tmp_path / f"empty.{kind}", ORIGIN)) == ORIGIN
 
 
 def test_a_picture_without_an_origin_of_its_own_tells_that_of_the_process(tmp_path: Path) -> None:
-    assert read_stamp(save(Figure(), tmp_path / "empty.png")) == this_process()
+    assert read_provenance(save(Figure(), tmp_path / "empty.png")) == this_process()
 
 
 @pytest.mark.parametrize(
@@ -83,7 +96,7 @@ def test_pictures_of_a_run_tell_the_command_of_the_run(small: Path) -> None:
     run = Provenance(str(summary["command"]), str(summary["commit"]))
     assert run.command == this_process().command  # the made-up run was made here
     drawn = draw_in_subprocess(small).paths
-    assert {read_stamp(path).command for path in drawn} == {run.command}
+    assert {read_provenance(path).command for path in drawn} == {run.command}
 
 
 def test_a_later_command_is_told_beside_the_first() -> None:

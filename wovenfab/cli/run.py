@@ -14,7 +14,7 @@ from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, w
 from wovenfab.cli.sheet import sheet_for
 from wovenfab.cli.target_accuracy import find, report
 from wovenfab.record.results import ResultsExistError, open_results, require_free
-from wovenfab.report.subprocess import draw_in_subprocess
+from wovenfab.report import draw_in_subprocess
 from wovenfab.simulation.progress import Progress, Stopwatch
 
 SLOW_BLAS = (
@@ -60,7 +60,7 @@ def run_case(
             voice.problem(str(error))
             return BAD_INPUT
         try:
-            outcome, summary = run(simulation, directory, voice.progress, watch)
+            outcome, _, summary = run(simulation, directory, voice.progress, watch)
         except BaseException as error:
             if not was_interrupted(error):
                 raise

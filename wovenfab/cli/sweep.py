@@ -72,7 +72,7 @@ def exit_code(runs: Sequence[Run]) -> int:
 
 def _draw(runs: Sequence[Run], directory: Path) -> None:
     """Draw the loops of all runs over each other, as ``overlay.png`` and ``overlay.svg``."""
-    from wovenfab.report.overlays import loops
+    from wovenfab.report.curves import loops
     from wovenfab.report.run_data import open_run_data
     from wovenfab.report.style import house_style, save
 

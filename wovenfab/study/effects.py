@@ -19,6 +19,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
@@ -102,7 +103,7 @@ def _march(simulation: Simulation, compiled: float) -> Cost:
         step=whole / steps,
         whole=whole,
         iterations=sum(iterations) / steps,
-        peak_force=max(forces, key=abs),
+        peak_force=peak_force(forces),
         dissipated=lost,
     )
 

@@ -16,6 +16,7 @@ from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.field_file import ERROR
 from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.simulation.prolongation import prolongated
 from wovenfab.study.target_accuracy.estimate import Estimate
@@ -61,19 +62,18 @@ def write_errors(estimate: Estimate, directory: Path) -> None:
     ]
     on_root(comm, lambda: write_whole(directory / ERRORS, "\n".join(rows) + "\n"))
     found = shares(low, high)
-    lattice = Lattice(1)
     corners = mesh.geometry.x[mesh.geometry.dofmap[: len(found)], :2]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
     series = FieldSeries(
         directory,
         comm,
+        Lattice(1),
         corners.reshape(-1, 2),
-        lattice.connectivity(len(found)),
         low.sheet.original_cells[: len(found)],
         {"error_share": "1", "error_density": "1/m^2"},
         ERROR,
     )
-    when = float(traces[place].times[np.abs(traces[place].forces).argmax()])
+    when = float(traces[place].times[index_of_peak(traces[place].forces)])
     fields = {"error_share": np.repeat(found, 3), "error_density": np.repeat(found / area, 3)}
     series.write(0, when, fields)
