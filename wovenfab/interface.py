@@ -190,12 +190,14 @@ def simulate(
         ResultsExistError: If the directory has results.
         OSError: If the directory cannot be written.
     """
-    from wovenfab.simulation.execute import execute
+    from mpi4py import MPI
+
+    from wovenfab.execution import execute
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     place = None if directory is None else Path(directory)
-    columns, summary = execute(chosen, place, overwrite=overwrite, comm=comm)
-    return Run(chosen, History(columns), summary, place)
+    run = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
+    return Run(run.case, History(run.columns), run.summary, place)
 
 
 def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[SolvedStep]:
@@ -210,12 +212,14 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
+    from mpi4py import MPI
+
     from wovenfab.simulation.from_case import sheet_of
     from wovenfab.simulation.simulation import Simulation
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     with ExitStack() as stack:
-        simulation = stack.enter_context(Simulation(chosen, sheet_of(chosen, comm)))
+        simulation = stack.enter_context(Simulation(chosen, sheet_of(chosen, comm or MPI.COMM_WORLD)))
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)
