@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case import CaseError, problem_at, read_case
+from wovenfab.case import CaseError, read_case
 from wovenfab.commands.voice import (
     BAD_INPUT,
     FAILED_STEP,
@@ -34,7 +34,7 @@ def study_accuracy(
     if not case.discretisation.mesh_size:
         remedy = "For example 'mesh_size: 50 mm'."
         problem = "a study starts from a mesh size"
-        raise CaseError([problem_at(path, overrides, "discretisation", problem, remedy)])
+        raise CaseError([case.problem("discretisation", problem, remedy)])
     from wovenfab.report.work_precision import draw_work_precision
     from wovenfab.study.precision.keep import KeptRuns
     from wovenfab.study.precision.result import Run, Study

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 from forms.catalogue import effects
 from forms.effect import Needs
-from wovenfab.case import Case, dump_case, read_case
-from wovenfab.case.needs import acting
+from wovenfab.case import Case, acting, read_case
 from wovenfab.commands.sheet import sheet_for
 from wovenfab.commands.voice import Voice
 from wovenfab.simulation.size import memory
@@ -29,9 +28,9 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
     voice = Voice()
     case = read_case(path, overrides)
     if resolved:
-        voice.say(dump_case(case).rstrip())
+        voice.say(case.to_yaml().rstrip())
         return 0
-    sheet = sheet_for(case, path, overrides)
+    sheet = sheet_for(case)
     from wovenfab.simulation.assemble import program_of_case
 
     steps = len(program_of_case(case).milestones) - 1

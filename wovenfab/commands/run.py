@@ -46,7 +46,7 @@ def run_case(
         try:
             require_free(directory, overwrite)
             with watch.phase("mesh"):
-                sheet = sheet_for(case, path, overrides)
+                sheet = sheet_for(case)
             found, wanted = None, case.accuracy
             if wanted is not None:
                 with watch.phase("pilot"):

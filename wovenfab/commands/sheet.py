@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wovenfab.case import Case, CaseError, problem_at
+from wovenfab.case import Case, CaseError
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
 
 
-def sheet_for(case: Case, path: Path, overrides: Sequence[str]) -> Sheet:
-    """Return the meshed sheet of a case that was read from ``path``; collective.
+def sheet_for(case: Case) -> Sheet:
+    """Return the meshed sheet of a case; collective.
 
     Raises:
         CaseError: If the geometry cannot be meshed or lacks an edge that the case names.
@@ -26,11 +24,9 @@ def sheet_for(case: Case, path: Path, overrides: Sequence[str]) -> Sheet:
     try:
         return sheet_of(case, MPI.COMM_WORLD)
     except GeometryError as error:
-        problem = problem_at(path, overrides, "sheet.file", str(error))
+        problem = case.problem("sheet.file", str(error))
     except UnknownEdgeError as error:
-        problem = problem_at(
-            path,
-            overrides,
+        problem = case.problem(
             f"boundary.{error.edge}",
             f"the sheet has no edge {error.edge!r}",
             f"It has {', '.join(error.known)}.",

@@ -31,7 +31,7 @@ def find(case: Case, sheet: Sheet, path: Path, overrides: Sequence[str], voice: 
     def mesher(trial: Case) -> Sheet:
         size = trial.discretisation.mesh_size
         if size not in made:
-            made[size] = sheet_for(trial, path, overrides)
+            made[size] = sheet_for(trial)
         return made[size]
 
     found = pilot(case, mesher, tell)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from wovenfab.case import Cycles, case_data
+from wovenfab.case import Cycles, read_case
 from wovenfab.paper.campaign import Campaign, Results
 from wovenfab.paper.claim import Claim
 from wovenfab.paper.figures import FIGURES
@@ -59,7 +59,7 @@ def account_of(
 
 def digest(path: Path, overrides: Sequence[str]) -> str:
     """Return a text that differs if what a case says does, defaults apart."""
-    text = json.dumps(case_data(path, overrides), sort_keys=True)
+    text = json.dumps(read_case(path, overrides).data, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

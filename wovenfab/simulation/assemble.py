@@ -19,8 +19,8 @@ from wovenfab.case import (
     Ramp,
     Rectangle,
     Table,
-    blame_own,
     conditions_of,
+    custom_effect_errors,
 )
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip
@@ -136,7 +136,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for name, _, edge in conditions
         if edge.force is not None
     ]
-    with blame_own(case.scene):
+    with custom_effect_errors(case.scene):
         return build_model(
             sheet,
             [term.effect for term in case.scene],

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from wovenfab.case import Case, dump_case
+from wovenfab.case import Case
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
@@ -59,7 +59,7 @@ def run(
     """
     model, march, program = rig.model, rig.march, rig.program
     comm = model.comm
-    on_root(comm, lambda: write_whole(directory / "case.yaml", dump_case(case)))
+    on_root(comm, lambda: write_whole(directory / "case.yaml", case.to_yaml()))
     with watch.phase("compile"):
         fields = _Fields(case, model, directory)
     tell(Progress("stepping", unknowns=model.unknowns))

@@ -9,11 +9,16 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
-from wovenfab.case import CaseError
-from wovenfab.case.document import Document, read_document
-from wovenfab.case.files import existing_file, folder_of
-from wovenfab.case.translate import problems_in
-from wovenfab.case.values import OneOr, Section
+from wovenfab.case import (
+    CaseError,
+    Document,
+    OneOr,
+    Section,
+    existing_file,
+    folder_of,
+    problems_in,
+    read_document,
+)
 from wovenfab.study.variation import Variation, axis, grid
 
 #: The key that makes a file a sweep file.

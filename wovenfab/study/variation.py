@@ -10,9 +10,7 @@ from itertools import product
 from operator import or_
 from typing import Any
 
-from wovenfab.case import CaseError, Problem
-from wovenfab.case.document import Place, parse_document
-from wovenfab.case.problems import OVERRIDE, refusal
+from wovenfab.case import OVERRIDE, CaseError, Place, Problem, parse_document, refusal
 
 #: ``Problem.file`` of what the command line varies.
 OVER = "--over"
