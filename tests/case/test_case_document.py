@@ -176,5 +176,5 @@ def test_a_problem_found_later_has_the_line_of_its_key(example: str, write_case:
     assert str(read_case(path).problem("boundary.right", "no such group")) == (
         "case.yaml:15: boundary.right: no such group."
     )
-    given = read_case(path, ["boundary.top=clamp"]).problem("boundary.top", "no such group")
-    assert str(given) == "--set boundary.top: no such group."
+    given = read_case(path, ["boundary.left=clamp"]).problem("boundary.left", "no such group")
+    assert str(given) == "--set boundary.left: no such group."
