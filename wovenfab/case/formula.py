@@ -14,9 +14,8 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -89,6 +88,8 @@ _UNIT = (
 _UNITS = re.compile(rf"\s*(?P<unit>{_UNIT}(?:(?:\s*(?:\*(?!\*)|/|·)\s*|\s+){_UNIT})*|°|%)")
 _NAMED = re.compile(rf"\b(?:{'|'.join((*VARIABLES, *_CONSTANTS))})\b")
 _POWERS = ("^", "**")
+#: What is written otherwise in Python.
+_PYTHON = {"^": "**", "if": "IF"}
 
 
 class FormulaError(ValueError):
@@ -114,7 +115,7 @@ class _Node:
     value: float = 0.0
     unit: str = ""
 
-    @cached_property
+    @property
     def variables(self) -> frozenset[str]:
         here = frozenset({self.kind} if self.kind in VARIABLES else ())
         return here.union(*(a.variables for a in self.arguments))
@@ -220,12 +221,10 @@ def _parse(text: str) -> _Node:
     python, starts, ends = "", {}, {}
     for token in tokens[:-1]:
         starts[len(python)] = token
-        python += {"number": "1"}.get(token.kind) or {"^": "**", "if": "IF"}.get(
-            token.text, token.text
-        )
+        python += "1" if token.kind == "number" else _PYTHON.get(token.text, token.text)
         ends[len(python)] = token.end
         python += " "
-    return _tree(ast.parse(python.strip(), mode="eval").body, text, starts, ends)
+    return _tree(ast.parse(python, mode="eval").body, text, starts, ends)
 
 
 def _check_syntax(text: str, tokens: Sequence[_Token]) -> None:
@@ -233,62 +232,50 @@ def _check_syntax(text: str, tokens: Sequence[_Token]) -> None:
 
     Values and operators alternate. What passes is an expression of Python.
     """
-    open_brackets: list[str] = []  # the signs that may end each
-    depths = [0]  # signs and powers that nest, for each open bracket
+    closing: list[str] = []  # what may end each open bracket
+    depths = [0]  # signs and powers that nest, in all and in each open bracket
     value_next = True
-    for before, token in pairwise((_Token("start", "", 0, 0), *tokens)):
+    for before, token, after in zip((None, *tokens), tokens, (*tokens[1:], None), strict=False):
         sign = token.text if token.kind == "sign" else token.kind
-        if value_next:
-            if sign == "number" or sign == "name":
-                value_next = False
-                _check_name(token, tokens) if sign == "name" else None
-            elif sign == "(":
-                open_brackets.append("')'")
-                depths.append(0)
-            elif sign in "+-":
-                depths[-1] += 1
-            elif sign == ")" and before.text == "(" and open_brackets[-1:] == ["',' or ')'"]:
-                value_next = False
-                open_brackets.pop()
-                depths.pop()
-            else:
-                raise _unexpected("a value", token)
-        elif sign == "(" and before.kind == "name":
-            open_brackets.append("',' or ')'")
+        if sign == "(" and (value_next or (before and before.kind == "name")):
+            closing.append("')'" if value_next else "',' or ')'")
             depths.append(0)
             value_next = True
+        elif value_next and sign in ("+", "-"):
+            depths[-1] += 1
+        elif value_next:
+            if sign not in ("number", "name"):
+                raise _unexpected("a value", token)
+            if sign == "name":
+                _check_name(token.text, after is not None and after.text == "(")
+            value_next = False
         elif sign in _POWERS:
-            if before.unit:
+            if before and before.unit:
                 raise FormulaError(
                     f"it is not clear what the power in '{text[before.start : token.end]}' is of",
                     f"Write '({before.text} {before.unit}){sign}...'.",
                 )
             depths[-1] += 1
             value_next = True
-        elif sign in ("+", "-", "*", "/", *_COMPARISONS, *_CONNECTIVES):
+        elif sign in _SIGNS.values() or (sign == "," and closing and "," in closing[-1]):
             depths[-1] = 0
             value_next = True
-        elif sign == ")" and open_brackets:
-            open_brackets.pop()
+        elif sign == ")" and closing:
+            closing.pop()
             depths.pop()
-        elif sign == "," and open_brackets[-1:] == ["',' or ')'"]:
-            depths[-1] = 0
-            value_next = True
-        elif sign != "end" or open_brackets:
-            raise _unexpected(open_brackets[-1] if open_brackets else "an operator", token)
-        if len(open_brackets) + sum(depths) > DEEPEST:
+        elif sign != "end" or closing:
+            raise _unexpected(closing[-1] if closing else "an operator", token)
+        if len(closing) + sum(depths) > DEEPEST:
             raise FormulaError(f"brackets are nested more than {DEEPEST} deep")
 
 
-def _check_name(token: _Token, tokens: Sequence[_Token]) -> None:
-    name = token.text
-    if tokens[tokens.index(token) + 1].text == "(":
-        if name not in FUNCTIONS:
-            known = f"The functions are {', '.join(FUNCTIONS)}."
-            raise FormulaError(f"unknown function '{name}'", near_miss(name, FUNCTIONS) or known)
-    elif name in FUNCTIONS:
+def _check_name(name: str, is_called: bool) -> None:
+    if is_called and name not in FUNCTIONS:
+        known = f"The functions are {', '.join(FUNCTIONS)}."
+        raise FormulaError(f"unknown function '{name}'", near_miss(name, FUNCTIONS) or known)
+    if name in FUNCTIONS and not is_called:
         raise FormulaError(f"the function '{name}' needs a bracket", f"Write '{name}(...)'.")
-    elif name not in (*VARIABLES, *_CONSTANTS):
+    if name not in (*VARIABLES, *_CONSTANTS, *FUNCTIONS):
         meant = near_miss(name, (*VARIABLES, *_CONSTANTS, *FUNCTIONS))
         about = "A unit follows its number, as in '1 m' or '2 N/m', without brackets."
         raise FormulaError(f"unknown name '{name}'", meant or about)
@@ -337,6 +324,8 @@ def _tree(
             raise FormulaError(f"{describe(written)} means nothing in a formula")
     result = inner(left)
     for sign, other in pairs:
+        until = node if other is others[-1] else other
+        written = text[token.start : ends[until.end_col_offset or 0]]
         result = _Node(_SIGNS[type(sign)], written, (result, inner(other)))
     return result
 
@@ -350,17 +339,17 @@ def _in_si(node: _Node) -> _Node:
     Raises:
         FormulaError: If such a part is infinite or undefined.
     """
-    if node.kind == "number":
-        return _finite(node.text, _si_value(node))
-    if node.kind in VARIABLES:
-        return node
-    new = _Node(node.kind, node.text, tuple(map(_in_si, node.arguments)))
-    if not new.variables and node.kind not in (*_COMPARISONS, *_CONNECTIVES):
-        with np.errstate(all="ignore"):
-            return _finite(new.text, float(_evaluate(new, {}, NUMPY_FUNCTIONS, np.float64)))
-    if new.kind == "/" and new.arguments[1] == _Node("number", ""):
-        raise FormulaError(f"{describe(new.text)} divides by zero")
-    return new
+    new = replace(node, arguments=tuple(map(_in_si, node.arguments)))
+    if node.kind == "/" and node.variables and new.arguments[1] == _Node("number", ""):
+        raise FormulaError(f"{describe(node.text)} divides by zero")
+    if node.variables or node.kind in (*_COMPARISONS, *_CONNECTIVES):
+        return new
+    with np.errstate(all="ignore"):
+        number = node.kind == "number"
+        value = _si_value(node) if number else _evaluate(new, {}, NUMPY_FUNCTIONS, np.float64)
+    if not np.isfinite(value):
+        raise FormulaError(f"{describe(node.text)} has no finite value")
+    return _Node("number", node.text, value=float(value))
 
 
 def _evaluate(
@@ -375,12 +364,6 @@ def _evaluate(
         return variables[node.kind]
     arguments = (_evaluate(a, variables, functions, number) for a in node.arguments)
     return (_OPERATORS.get(node.kind) or functions[node.kind])(*arguments)
-
-
-def _finite(text: str, value: float) -> _Node:
-    if not np.isfinite(value):
-        raise FormulaError(f"{describe(text)} has no finite value")
-    return _Node("number", text, value=value)
 
 
 def _si_value(number: _Node) -> float:
