@@ -12,7 +12,7 @@ from paper.campaign import Campaign, Results
 from paper.claim import Claim
 from paper.figures import FIGURES
 from paper.numbers import numbers
-from wovenfab.case import Cycles, case_data
+from wovenfab.case import Cycles, read_case
 from wovenfab.record.results import Provenance
 from wovenfab.study.members import Member
 
@@ -59,7 +59,7 @@ def account_of(
 
 def digest(path: Path, overrides: Sequence[str]) -> str:
     """Return a text that differs if what a case says does, defaults apart."""
-    text = json.dumps(case_data(path, overrides), sort_keys=True)
+    text = json.dumps(read_case(path, overrides).data, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

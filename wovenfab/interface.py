@@ -12,7 +12,6 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
@@ -219,7 +218,9 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     with ExitStack() as stack:
-        simulation = stack.enter_context(Simulation(chosen, sheet_of(chosen, comm or MPI.COMM_WORLD)))
+        simulation = stack.enter_context(
+            Simulation(chosen, sheet_of(chosen, comm or MPI.COMM_WORLD))
+        )
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case import CaseError, problem_at, read_case
+from wovenfab.case import CaseError, read_case
 from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, duration, is_launched
 from wovenfab.simulation.progress import Progress
 
@@ -27,7 +27,7 @@ def study_accuracy(
     if not case.discretisation.mesh_size:
         remedy = "For example 'mesh_size: 50 mm'."
         problem = "a study starts from a mesh size"
-        raise CaseError([problem_at(path, overrides, "discretisation", problem, remedy)])
+        raise CaseError([case.problem("discretisation", problem, remedy)])
     from wovenfab.report.study_pictures import draw_work_precision
     from wovenfab.study.accuracy.runs import KeptRuns
     from wovenfab.study.accuracy.settings import Setting

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case.problems import refusal
+from wovenfab.case import refusal
 from wovenfab.cli.console import FAILED_STEP, INTERRUPTED, Console, duration
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.members import Member, members_of

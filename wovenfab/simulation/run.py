@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case import dump_case
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
 from wovenfab.record.history import History, HistoryRows, read_history
@@ -59,7 +58,7 @@ def run(
         if directory is None:
             observers = [modes, lambda step: values.append(rows.row(step)[0])]
         else:
-            text = dump_case(simulation.case)
+            text = simulation.case.to_yaml()
             on_root(comm, lambda: write_whole(directory / "case.yaml", text))
             with watch.phase("compile"):
                 fields = FieldWriter(simulation, directory)

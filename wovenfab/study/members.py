@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case
-from wovenfab.case.problems import refusal
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
 from wovenfab.study.variations import OVER, Variation
 
 

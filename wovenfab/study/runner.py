@@ -10,7 +10,7 @@ from pathlib import Path
 
 import forms
 import wovenfab
-from wovenfab.case import Case, Rectangle, Table, dump_case
+from wovenfab.case import Case, Rectangle, Table
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
@@ -28,7 +28,7 @@ COMPUTING = (
 
 def fingerprint(case: Case) -> str:
     """Return a text that differs if the case, a file it names, or the code that computes does."""
-    parts = [dump_case(case), *map(_content, _files_of(case)), code()]
+    parts = [case.to_yaml(), *map(_content, _files_of(case)), code()]
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 

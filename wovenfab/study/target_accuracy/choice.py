@@ -48,8 +48,9 @@ def choose(
     say(words)
     logger.info("for an accuracy of %g: %s", case.accuracy, words)
     if chosen.shortfall:
-        worst = chosen.estimate and chosen.estimate.worst
-        best = "" if worst is None else f", estimated error {_percent(worst)}"
+        best = ""
+        if chosen.estimate is not None:
+            best = f", estimated error {_percent(chosen.estimate.worst)}"
         say(f"{_missed(chosen, case.accuracy)}; this is the best that was tried{best}")
     return chosen
 

@@ -1,24 +1,64 @@
-"""The kinds of values in a case file, as annotations for pydantic."""
+"""The kinds of values in a case, as annotations for pydantic."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
 from pydantic_core import core_schema
 
-from . import units
-from .problems import describe, near_miss, one_of, wrong
+from wovenfab.case import units
+from wovenfab.case.document import Document
+from wovenfab.case.errors import CaseError, describe, near_miss, one_of, problems_in, wrong
+from wovenfab.case.formula import Expression, FormulaError, is_formula
 
 Json = dict[str, Any]
 
 
 class Section(BaseModel):
-    """A mapping of the case file: fixed keys, frozen once read."""
+    """A mapping of the case file: fixed keys, frozen once read.
+
+    Raises:
+        CaseError: It is built in Python from values that a case file may not have either.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    def __init__(self, /, **data: Any) -> None:
+        """Check the values, which are numbers in SI units or texts as in a case file."""
+        data = {key: plain(value) for key, value in data.items()}
+        try:
+            self.__pydantic_validator__.validate_python(data, self_instance=self)
+        except ValidationError as error:
+            document = Document(data, "", {})
+            raise CaseError(problems_in(error, document, self.model_json_schema())) from error
+
+    # Without this pydantic would call it for the sections of a section, too.
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+def plain(value: Any) -> Any:
+    """Return a value as a case file has it, in which sections are mappings."""
+    match value:
+        case Section():
+            kind = {"type": value.type} if hasattr(value, "type") else {}
+            return kind | value.model_dump(mode="json", by_alias=True, exclude_unset=True)
+        case dict():
+            return {key: plain(inner) for key, inner in value.items()}
+        case list() | tuple():
+            return [plain(inner) for inner in value]
+        case Path():
+            return str(value)
+    return value
 
 
 def hide_default(schema: Json) -> None:
@@ -183,3 +223,50 @@ Speed = Annotated[float, Quantity(unit="m/s", above=0)]
 Frequency = Annotated[float, Quantity(unit="Hz", above=0)]
 Angle = Annotated[float, Quantity(unit="rad")]
 AtLeastOne = Annotated[int, Count(least=1, most=1_000_000)]
+
+
+@dataclass(frozen=True)
+class Varying(Quantity):
+    """A float in the SI unit ``unit``, or an ``Expression`` of some variables.
+
+    Attributes:
+        variables: What a formula may depend on here.
+    """
+
+    variables: tuple[str, ...] = ("x", "y")
+
+    def read(self, value: Any) -> Any:
+        """Return a word, a number, or an expression if it depends on any variable."""
+        plain = not isinstance(value, str) or value in self.words or not is_formula(value)
+        if isinstance(value, Expression) or plain:
+            return value if isinstance(value, Expression) else super().read(value)
+        try:
+            expression = Expression(value, self.unit)
+        except FormulaError as error:
+            raise wrong(str(error), error.remedy) from error
+        if expression.constant is not None:
+            self.check(expression.constant, value)
+            return expression.constant
+        if unknown := sorted(expression.variables - set(self.variables)):
+            raise wrong(
+                f"'{unknown[0]}' cannot be used here",
+                f"This formula may depend on {one_of(self.variables)}.",
+            )
+        return expression
+
+    def write(self, value: Any) -> Any:
+        """Return text that reads as the same value."""
+        return value.text if isinstance(value, Expression) else super().write(value)
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Describe a number in SI, or text with a unit or a formula."""
+        name, example = units.KINDS.get(self.unit, ("a value", f"1 {self.unit}"))
+        number = {"type": "number", "description": f"{name} in {self.unit}".removesuffix(" in ")}
+        formula = f"or a formula of {', '.join(self.variables)}"
+        text = {"type": "string", "description": f"'{example}', {formula}"}
+        return self._or_words([number | self.bounds(), text]) | {
+            "examples": [example],
+            "unit": self.unit or "1",
+        }
