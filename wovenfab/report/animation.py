@@ -35,7 +35,7 @@ from wovenfab.report.style import (
 #: Name of the file.
 ANIMATION = "animation.gif"
 #: Duration of the cycle in the animation (s), and width (pixels).
-DURATION, PIXELS = 5.0, 720
+DURATION, PIXELS = 5.0, 600
 
 
 def animate(source: RunData, stored: StoredFields, target: Path, origin: Provenance) -> Path:

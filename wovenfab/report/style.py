@@ -37,8 +37,10 @@ YARNS = ("#1a1a1a", "#1f5fa8")
 APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
 #: Line styles that go with them, for print.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1.5, 1.5, 1.5)))
+#: Resolution of pictures (1/in).
+DPI = 220
 #: Colours in a PNG: a third of the size of true colours, and no difference to the eye.
-COLOURS = 128
+COLOURS = 160
 
 #: Share (%) of the values within the colours; the rest, mostly at corners, has the last colour.
 SHARE = 99.5
@@ -77,7 +79,6 @@ _SETTINGS = {
     "legend.fontsize": 8.5,
     "svg.fonttype": "none",
     "svg.hashsalt": "wovenfab",
-    "savefig.dpi": 220,
     "savefig.bbox": "tight",
     "savefig.pad_inches": 0.08,
     "figure.constrained_layout.use": True,
@@ -262,13 +263,16 @@ def label_sheet(axes: Axes, title: str = "", subtitle: str = "") -> None:
     axes.grid(visible=False)
 
 
-def save(figure: Figure, path: Path, origin: Provenance | None = None) -> Path:
+def save(
+    figure: Figure, path: Path, origin: Provenance | None = None, dpi: float = DPI
+) -> Path:
     """Write a figure such that equal data give equal files; return ``path``.
 
     Args:
         figure: The figure.
         path: The file, ``.png`` or ``.svg``.
         origin: Provenance of the data, which the file states; this process if None.
+        dpi: Resolution of a PNG.
 
     Raises:
         ValueError: Another kind of file.
@@ -276,7 +280,7 @@ def save(figure: Figure, path: Path, origin: Provenance | None = None) -> Path:
     origin = origin or this_process()
     if path.suffix == ".png":
         data = io.BytesIO()
-        figure.savefig(data, format="png")
+        figure.savefig(data, format="png", dpi=dpi)
         with Image.open(data) as picture:
             return write_png(picture, path, origin)
     if path.suffix != ".svg":
