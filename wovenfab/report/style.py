@@ -39,8 +39,8 @@ APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1.5, 1.5, 1.5)))
 #: Resolution of pictures (1/in).
 DPI = 220
-#: Colours in a PNG: a third of the size of true colours, and no difference to the eye.
-COLOURS = 192
+#: Colours in a PNG: frequent ones for gradients, and others for rare ones in lines and keys.
+COLOURS = (192, 64)
 
 #: Share (%) of the values within the colours; the rest, mostly at corners, has the last colour.
 SHARE = 99.5
@@ -201,13 +201,7 @@ def main_field(stored: StoredFields, index: int) -> str | None:
 
 
 def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
-    """Return the common scale of a field in several pictures.
-
-    Args:
-        name: Name of the field.
-        unit: Its SI unit.
-        values: The field in each picture (SI), arrays of shape (n,).
-    """
+    """Return the common scale of a field with its SI unit; ``values`` (SI) of each picture."""
     style = FIELD_STYLES[name]
     everything = np.concatenate(values)
     size = _size(everything)
@@ -318,18 +312,16 @@ def read_provenance(path: Path) -> Provenance:
 
 
 def _with_palette(picture: Image.Image) -> Image.Image:
-    """Return a picture on white with a palette in which rare colours have a place, too.
-
-    Colours count by the root of their number of pixels, or colour bars would lose their ends.
-    """
-    counted = picture.getcolors(picture.width * picture.height) or []
-    weights = [int(count**0.5) for count, _ in counted]
-    shades = np.repeat(np.array([shade for _, shade in counted], np.uint8), weights, axis=0)
-    palette = Image.fromarray(shades[None]).quantize(COLOURS)
+    """Return a picture on white with a palette of colours, a third of the size."""
+    smooth = picture.quantize(COLOURS[0], Image.Quantize.MEDIANCUT)
+    rare = picture.quantize(COLOURS[1], Image.Quantize.MAXCOVERAGE)
+    parts = zip((smooth, rare), COLOURS, strict=True)
+    entries = np.concatenate([np.array(part.getpalette())[: 3 * count] for part, count in parts])
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(entries.tolist())
     small = picture.quantize(palette=palette, dither=Image.Dither.NONE)
-    entries = np.array(small.getpalette(), np.uint8).reshape(-1, 3)
-    entries[np.bincount(np.asarray(small).ravel()).argmax()] = 255  # most of it is paper
-    small.putpalette(entries.tobytes())
+    entries[3 * np.bincount(np.asarray(small).ravel()).argmax() :][:3] = 255  # mostly paper
+    small.putpalette(entries.tolist())
     return small
 
 
