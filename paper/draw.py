@@ -38,6 +38,8 @@ from wovenfab.report.style import (
 )
 
 Values = NDArray[np.float64]
+#: Resolution of the pictures of fields (1/in), which are smooth.
+FIELD_DPI = 150
 
 
 def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator[tuple[int, float]]:
@@ -55,7 +57,7 @@ def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator
     for figure in FIGURES:
         with house_style():
             drawn = _DRAW[figure.kind](figure, results)
-            save(drawn, folder / figure.file, origin)
+            save(drawn, folder / figure.file, origin, FIELD_DPI)
         yield figure.number, float(drawn.get_figwidth())
 
 
@@ -87,7 +89,7 @@ def draw_elements(
             (ERRORS, errors(found)),
             (YARNS, yarns(campaign, results)),
         ):
-            save(drawn, folder / name, origin)
+            save(drawn, folder / name, origin, FIELD_DPI)
             yield name, float(drawn.get_figwidth())
 
 

@@ -35,22 +35,14 @@ from wovenfab.report.style import (
 #: Name of the file.
 ANIMATION = "animation.gif"
 #: Duration of the cycle in the animation (s), and width (pixels).
-DURATION, PIXELS = 5.0, 720
+DURATION, PIXELS = 5.0, 600
 
 
 def animate(source: RunData, stored: StoredFields, target: Path, origin: Provenance) -> Path:
     """Write the last complete cycle, or the whole run, as a GIF that repeats.
 
-    Every frame is a stored time, and stands as long as its share of the cycle.
-
-    Args:
-        source: The run.
-        stored: Its fields.
-        target: The GIF.
-        origin: Its provenance.
-
-    Returns:
-        ``target``.
+    Every frame is a stored time, and stands as long as its share of the cycle. Returns
+    ``target``, the GIF with its provenance.
     """
     complete = [(cycle.start, cycle.end) for cycle in source.cycles if cycle.complete]
     span = (float(stored.times[0]), float(stored.times[-1]) or 1.0)

@@ -16,7 +16,7 @@ from paraview import simple
 
 #: Where the results were when this file was written; they may have moved.
 RESULTS = ""
-#: Field: what the colour bar says, how it is had in that unit, whether its sign matters.
+#: Field: label of the colour bar, formula in that unit, whether the sign has a meaning.
 FIELDS = {
     "beta": ("slip between the families (mm)", "1000*beta", False),
     "shear_angle": ("shear angle (deg)", "57.29577951308232*shear_angle", False),
@@ -34,15 +34,15 @@ YARNS = [1, 0.1, 0.1, 0.1, 2, 0.12, 0.37, 0.66]
 INK = [0.1, 0.1, 0.1]
 
 
-def show(folder: Path, wanted: str | None) -> Any:
+def show(folder: Path, field: str | None) -> Any:
     """Build the pipeline and return the view."""
     view = simple.GetActiveViewOrCreate("RenderView")
     fields = opened(folder / "fields.xdmf")
     names = list(fields.PointData.keys())
-    found = [name for name in FIELDS if name in names]
-    if wanted is not None and wanted not in found:
-        sys.exit(f"this run has no field {wanted}; it has {', '.join(found)}")
-    sheet = draw_sheet(fields, names, wanted or [*found, ""][0], view)
+    stored = [name for name in FIELDS if name in names]
+    if field is not None and field not in stored:
+        sys.exit(f"this run has no field {field}; it has {', '.join(stored)}")
+    sheet = draw_sheet(fields, names, field or [*stored, ""][0], view)
     if (folder / "yarns.xdmf").exists():
         draw_yarns(opened(folder / "yarns.xdmf"), view)
     view.ViewTime = time_of_largest_displacement(folder, fields)
@@ -51,7 +51,7 @@ def show(folder: Path, wanted: str | None) -> Any:
     clock = simple.AnnotateTimeFilter(registrationName="time", Input=sheet)
     clock.Format = "{time:.4g} s"
     simple.Show(clock, view).Color = INK
-    look_from_above(sheet, view)
+    view_from_above(sheet, view)
     return view
 
 
@@ -90,11 +90,11 @@ def draw_sheet(fields: Any, names: list[str], colour: str, view: Any) -> Any:
 
 
 def draw_yarns(yarns: Any, view: Any) -> None:
-    """Draw the lines of both families, each in its colour, a hair above the sheet."""
-    raised = simple.Transform(registrationName="yarns", Input=yarns)
+    """Draw the lines of both families, each in its colour, slightly above the sheet."""
+    lifted = simple.Transform(registrationName="yarns", Input=yarns)
     x = yarns.GetDataInformation().GetBounds()
-    raised.Transform.Translate = [0, 0, 1e-3 * (x[1] - x[0])]
-    shown = simple.Show(raised, view)
+    lifted.Transform.Translate = [0, 0, 1e-3 * (x[1] - x[0])]
+    shown = simple.Show(lifted, view)
     simple.ColorBy(shown, ("POINTS", "family"))
     simple.GetColorTransferFunction("family").RGBPoints = YARNS
     shown.SetScalarBarVisibility(view, False)
@@ -115,8 +115,8 @@ def time_of_largest_displacement(folder: Path, fields: Any) -> float:
     return float(max(times, key=reached))
 
 
-def look_from_above(sheet: Any, view: Any) -> None:
-    """Look along z at all of the sheet, on white."""
+def view_from_above(sheet: Any, view: Any) -> None:
+    """Show all of the sheet along z, on white."""
     view.UseColorPaletteForBackground = 0
     view.Background = [1, 1, 1]
     view.OrientationAxesVisibility = 0

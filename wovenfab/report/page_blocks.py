@@ -100,13 +100,7 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
 
 
 def vector(figure: Figure, name: str, caption: str) -> Picture:
-    """Return a figure of curves as SVG inside the page.
-
-    Args:
-        figure: The figure.
-        name: Unique on the page: the SVG's own names begin with it.
-        caption: What it shows.
-    """
+    """Return a figure of curves as SVG, whose ids begin with a ``name`` unique on the page."""
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
@@ -177,13 +171,7 @@ def write_page(
 ) -> Path:
     """Write a page; return ``path``.
 
-    Args:
-        path: The HTML file.
-        title: Its title.
-        notes: Sentences below the title: how the run ended, say.
-        figures: The main figures: name and value.
-        sections: All the rest.
-        origin: Its provenance.
+    Below the title are sentences (``notes``), the main figures (name and value), sections.
     """
     environment = Environment(
         loader=PackageLoader("wovenfab.report", ""),

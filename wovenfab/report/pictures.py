@@ -98,14 +98,9 @@ REPORT = (*PICTURES, "page", "yarns for ParaView")
 
 
 def draw(directory: str | Path, names: Sequence[str] = PICTURES) -> list[Path]:
-    """Draw pictures of a run, finished or not, into its directory.
+    """Draw some of ``MAKERS`` of a run, finished or not, into its directory; return the files.
 
-    Args:
-        directory: The results directory.
-        names: Names of ``MAKERS``.
-
-    Returns:
-        The files written. What needs fields is left out if the run has none.
+    What needs fields is left out if the run has none.
 
     Raises:
         ReportError: Something failed; the rest is drawn all the same.

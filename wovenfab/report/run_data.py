@@ -104,12 +104,10 @@ def largest(source: RunData, stored: StoredFields) -> KeyTime:
 def key_times(
     source: RunData, stored: StoredFields, most: int = 4
 ) -> list[tuple[KeyTime, KeyTime]]:
-    """Return the reversal and the end of each cycle, among the stored times.
+    """Return the reversal and the end of each cycle, among the stored times (at least one).
 
-    Args:
-        source: The run; one without cycles counts as a single one.
-        stored: Its fields, of one time at least.
-        most: Number of cycles; if there are more, the first, the last and some between.
+    Of more cycles than ``most``: the first, the last and some between. A run without cycles
+    counts as a single one.
     """
     u = _displacement(source, stored)
     spans = [(f"cycle {i}", c.start, c.end) for i, c in enumerate(source.cycles, 1)]

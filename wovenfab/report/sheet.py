@@ -111,12 +111,7 @@ def deformed(source: RunData, stored: StoredFields) -> Figure:
 
 
 def mode(source: RunData, stored: StoredFields) -> Figure:
-    """Return the figure: the sheet displaced along the mode of the first loss of stability.
-
-    Args:
-        source: The results.
-        stored: Displacements and modes at the losses.
-    """
+    """Return the figure: the sheet displaced along the mode of the first loss of stability."""
     state = sheet_at(source, stored, 0)
     names = [name.replace("displacement", "mode") for name in displacements(stored)]
     modes = [stored.field(name, 0) for name in names]
@@ -177,12 +172,9 @@ def mesh(source: RunData, stored: StoredFields) -> Figure:
 
 
 def panels(name: str, unit: str, rows: Sequence[Sequence[Panel]]) -> Figure:
-    """Return the figure: small pictures with one scale of colours and one of length.
+    """Return the figure: rows of small pictures with one scale of colours and one of length.
 
-    Args:
-        name: Name of the field.
-        unit: Its SI unit.
-        rows: Panels from left to right, row by row; later rows may be shorter.
+    Later rows may be shorter. The field has a name and an SI unit.
     """
     everything = [panel for row in rows for panel in row]
     scale = scale_of(name, unit, [panel.values for panel in everything])
@@ -242,14 +234,9 @@ def lines(
 
 
 def corners(points: Values, triangles: NDArray[np.int64]) -> Values:
-    """Return the corners of the cells on whose lattices fields are stored.
+    """Return the corners (m) of the cells on whose lattices fields are stored.
 
-    Args:
-        points: Stored points (m), shape (n, 2): a lattice for each cell.
-        triangles: Stored triangles, shape (m, 3).
-
-    Returns:
-        Shape (cells, 3, 2), in m.
+    The stored points, shape (n, 2), and triangles, shape (m, 3), give shape (cells, 3, 2).
     """
     # a cell has (p+1)(p+2)/2 points and p^2 triangles, a ratio that no two degrees share
     degree = next(

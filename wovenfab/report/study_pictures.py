@@ -41,12 +41,7 @@ _SPAN = 4.0
 
 
 def draw_costs(rows: Sequence[Row], path: Path) -> Path:
-    """Draw unknowns, compile time and time of a step of each scene as bars.
-
-    Args:
-        rows: The study; scenes that are not well posed are left out.
-        path: The PNG file.
-    """
+    """Draw unknowns, compile time and time of a step of each well-posed scene as bars."""
     shown = {row.scene: row.cost for row in rows if row.cost is not None}
     costs, light, dark = list(shown.values()), *sequence(2)
     assembly = np.array([1e3 * c.tangents * c.assembly for c in costs])
@@ -86,13 +81,7 @@ def _bars(axes: Axes, names: Sequence[str], title: str, parts: Parts, digits: st
 def draw_work_precision(study: Study, directory: Path, name: str = "accuracy") -> list[Path]:
     """Draw a diagram for each stage that has runs, log-log, one curve a method.
 
-    Args:
-        study: The study.
-        directory: Where the PNG files go.
-        name: How their names begin.
-
-    Returns:
-        The files, ``<name>-space.png`` and so on.
+    Returns the files ``<name>-space.png`` and so on.
     """
     stages = (("space", study.space), ("time", study.time), ("both", study.both))
     return [_draw(study, s, runs, directory / f"{name}-{s}.png") for s, runs in stages if runs]
