@@ -217,10 +217,8 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
     from wovenfab.simulation.simulation import Simulation
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
-    with ExitStack() as stack:
-        simulation = stack.enter_context(
-            Simulation(chosen, sheet_of(chosen, comm or MPI.COMM_WORLD))
-        )
+    sheet = sheet_of(chosen, comm or MPI.COMM_WORLD)
+    with Simulation(chosen, sheet) as simulation:
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)
