@@ -30,8 +30,9 @@ commit() {
 set_variables() {
   export PATH=$project/env/bin:/usr/bin:/bin:/usr/sbin:/sbin
   export PYTHONPATH=$project PYTHONNOUSERSITE=1 LANG=C.UTF-8
-  mkdir -p "$cache/cache"
-  export XDG_CACHE_HOME=$cache/cache # JIT and other caches, warm at the next start
+  # JIT and other caches, warm at the next start; another suite's own are a folder of them.
+  export XDG_CACHE_HOME=$cache/cache${WOVENFAB_SUITE:+/$suite}
+  mkdir -p "$XDG_CACHE_HOME"
   export WOVENFAB_COMMIT=${WOVENFAB_COMMIT-$(commit)} # what results and pictures tell
   export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower
   # mpirun: as root in a container, more ranks than cores, several runs on the same cores.
@@ -41,5 +42,5 @@ set_variables() {
   # One machine's ranks talk through its memory, whatever its network; a cluster sets its own.
   export OMPI_MCA_btl=${OMPI_MCA_btl:-self,sm}
   export WOVENFAB_ENTER=native # a start within a start runs the command directly
-  unset WOVENFAB_MMDEBSTRAP WOVENFAB_MIRROR WOVENFAB_PACKAGES
+  unset WOVENFAB_MMDEBSTRAP WOVENFAB_MIRROR WOVENFAB_PACKAGES WOVENFAB_SUITE
 }
