@@ -6,14 +6,14 @@ from pathlib import Path
 
 
 def _version() -> str:
-    """Return the installed version, or that of the source tree this file lies in."""
+    """Return the version of the source tree this file lies in, or the installed one."""
+    project = Path(__file__).parent.parent / "pyproject.toml"
+    if project.is_file():
+        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
     try:
         return version("wovenfab")
     except PackageNotFoundError:
-        project = Path(__file__).parent.parent / "pyproject.toml"
-        if not project.is_file():
-            return "unknown"
-        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
+        return "unknown"
 
 
 __version__ = _version()
