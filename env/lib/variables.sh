@@ -37,10 +37,14 @@ set_variables() {
   export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower
   # mpirun: as root in a container, more ranks than cores, several runs on the same cores.
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
-  export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
-  export PRTE_MCA_hwloc_default_binding_policy=none
+  if [ "$suite" = trixie ]; then
+    export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+    export PRTE_MCA_hwloc_default_binding_policy=none
+  else # their names since Open MPI 6
+    export PRTE_MCA_mapby=:oversubscribe PRTE_MCA_bindto=none
+  fi
   # One machine's ranks talk through its memory, whatever its network; a cluster sets its own.
   export OMPI_MCA_btl=${OMPI_MCA_btl:-self,sm}
   export WOVENFAB_ENTER=native # a start within a start runs the command directly
-  unset WOVENFAB_MMDEBSTRAP WOVENFAB_MIRROR WOVENFAB_PACKAGES WOVENFAB_SUITE
+  unset WOVENFAB_MMDEBSTRAP WOVENFAB_MIRROR WOVENFAB_PACKAGES
 }

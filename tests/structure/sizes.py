@@ -16,6 +16,7 @@ import atexit, sys
 ours = lambda: [m for m in sys.modules if m.partition(".")[0] in ("forms", "wovenfab")]
 atexit.register(lambda: print("modules:", len(ours())))
 from wovenfab.cli import main
+sys.argv[0] = "wovenfab"
 main()
 """
 #: The default case, coarse and short.
