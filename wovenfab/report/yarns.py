@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from wovenfab.record.field_file import FieldFile, polylines
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.run_data import RunData
-from wovenfab.report.sheet import YARNS_ALONG, displacements
 
 Values = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -198,6 +197,7 @@ def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
     """
     assert source.fibres is not None
     mesh = Triangles(stored.points(), stored.triangles())
+    from wovenfab.report.sheet import YARNS_ALONG
     spacing = float(np.ptp(mesh.points, axis=0).max()) / YARNS_ALONG
     families = [lay_yarns(mesh, direction, spacing) for direction in source.fibres]
     rest = np.concatenate([yarns.on(mesh.points) for yarns in families])
@@ -228,6 +228,7 @@ def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
 
 def _common(stored: StoredFields) -> dict[str, str]:
     """Return names, without the family's number, and units of the scalar fields."""
+    from wovenfab.report.sheet import displacements
     vectors = {*displacements(stored), "relative_displacement"}
     return {
         name.removesuffix("_1").removesuffix("_2"): unit
