@@ -121,9 +121,9 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
     ("override", "told"),
     [
         (
-            "effects.shear.stiffness=5 Nm",
+            "effects.shear.stiffness=5 mN",
             "--set effects.shear.stiffness: expected a force per length such as '400 N/m', "
-            "got 'Nm'.",
+            "got 'mN'.",
         ),
         (
             "effects.shear.stifness=5",

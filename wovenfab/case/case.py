@@ -280,7 +280,8 @@ def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
             if not field.is_required():
                 sections[name] = field.default
             continue
-        kind: Any = Annotated[field.annotation, field]
+        more = tuple(field.metadata)
+        kind: Any = Annotated[field.annotation, *more] if more else field.annotation
         with suppress(ValidationError):
             sections[name] = TypeAdapter(kind).validate_python(data[key], context=context)
     return sections
