@@ -26,17 +26,17 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         overrides: Values that replace those of the file.
         resolved: Whether to print the case as a whole instead.
     """
-    voice = Console()
+    console = Console()
     case = read_case(path, overrides)
     if resolved:
-        voice.say(dump_case(case).rstrip())
+        console.say(dump_case(case).rstrip())
         return 0
     sheet = sheet_for(case, path, overrides)
     from wovenfab.simulation.from_case import program_of_case
 
     steps = len(program_of_case(case).milestones) - 1
     for line in describe(case, count_unknowns(case, sheet), steps):
-        voice.say(line)
+        console.say(line)
     return 0
 
 
@@ -85,8 +85,8 @@ def _brought(now: Needs, more: Needs) -> str:
         (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
-    found = [what for is_new, what in news if is_new]
-    return " and ".join(found) or "its own terms only"
+    brought = [what for is_new, what in news if is_new]
+    return " and ".join(brought) or "its own terms only"
 
 
 def _listed(names: Sequence[str]) -> str:

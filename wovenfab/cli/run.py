@@ -12,7 +12,7 @@ from typing import Any
 from wovenfab.case import read_case
 from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
 from wovenfab.cli.sheet import sheet_for
-from wovenfab.cli.target_accuracy import find, report
+from wovenfab.cli.target_accuracy import plan_run, report_errors
 from wovenfab.record.results import ResultsExistError, open_results, require_free
 from wovenfab.report.subprocess import draw_in_subprocess
 from wovenfab.simulation.progress import Progress, Stopwatch
@@ -47,11 +47,11 @@ def run_case(
             require_free(directory, overwrite)
             with watch.phase("mesh"):
                 sheet = sheet_for(case, path, overrides)
-            found, wanted = None, case.accuracy
-            if wanted is not None:
+            plan, accuracy = None, case.accuracy
+            if accuracy is not None:
                 with watch.phase("pilot"):
-                    found = find(case, sheet, path, overrides, voice)
-                case, sheet = found.case, found.sheet
+                    plan = plan_run(case, sheet, path, overrides, voice)
+                case, sheet = plan.case, plan.sheet
             voice.progress(Progress("compiling the effects"))
             with watch.phase("compile"):
                 simulation = stack.enter_context(Simulation(case, sheet))
@@ -66,8 +66,8 @@ def run_case(
                 raise
             voice.problem(f"interrupted; the results so far are in {directory}")
             return INTERRUPTED
-        if found is not None and wanted is not None:
-            report(found, wanted, summary, directory, voice)
+        if plan is not None and accuracy is not None:
+            report_errors(plan, accuracy, summary, directory, voice)
     if case.output.pictures:
         warning = draw_in_subprocess(directory).warning
         if warning is not None:

@@ -1,4 +1,4 @@
-"""The sheet of a case, with what is wrong with it told at its line of the case file."""
+"""The sheet of a case; mistakes are reported with their line of the case file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs that are asked for an accuracy: the pilot before, the errors after."""
+"""Runs with a target accuracy: elements and steps before the run, the errors after it."""
 
 from __future__ import annotations
 
@@ -13,42 +13,40 @@ from wovenfab.simulation.progress import Progress
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
-    from wovenfab.study.target_accuracy.mesh import Plan
+    from wovenfab.study.target_accuracy.plan import Plan
 
-#: How the figures are called on the screen.
+#: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
 
-def find(case: Case, sheet: Sheet, path: Path, overrides: Sequence[str], voice: Console) -> Plan:
-    """Return elements and steps for the accuracy of a case, whose sheet is known; collective."""
+def plan_run(
+    case: Case, sheet: Sheet, path: Path, overrides: Sequence[str], console: Console
+) -> Plan:
+    """Return elements and steps for the accuracy of a case with its sheet; collective."""
     from wovenfab.study.target_accuracy.plan import plan
 
-    def tell(text: str) -> None:
-        voice.progress(Progress(text))
-
-    made = {case.discretisation.mesh_size: sheet}
+    sheets = {case.discretisation.mesh_size: sheet}
 
     def mesher(trial: Case) -> Sheet:
         size = trial.discretisation.mesh_size
-        if size not in made:
-            made[size] = sheet_for(trial, path, overrides)
-        return made[size]
+        if size not in sheets:
+            sheets[size] = sheet_for(trial, path, overrides)
+        return sheets[size]
 
-    found = plan(case, mesher, tell)
-    d = found.case.discretisation
+    chosen = plan(case, mesher, lambda text: console.progress(Progress(text)))
+    d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
-    voice.say(f"chosen: degree {d.degree}, cells{size}{_steps(found.case)}")
-    if found.shortfall:
+    console.say(f"chosen: degree {d.degree}, cells{size}{_steps(chosen.case)}")
+    if chosen.shortfall:
         assert case.accuracy is not None
-        best = (
-            "" if found.estimate is None else f", estimated error {_percent(found.estimate.worst)}"
-        )
-        voice.say(f"{_missed(found, case.accuracy)}; this is the best that was tried{best}")
-    return found
+        estimate = chosen.estimate
+        best = "" if estimate is None else f", estimated error {_percent(estimate.worst)}"
+        console.say(f"{_missed(chosen, case.accuracy)}; this is the best that was tried{best}")
+    return chosen
 
 
-def _missed(found: Plan, wanted: float) -> str:
-    return f"warning: the accuracy of {_percent(wanted)} is not reached: {found.shortfall}"
+def _missed(plan: Plan, accuracy: float) -> str:
+    return f"warning: the accuracy of {_percent(accuracy)} is not reached: {plan.shortfall}"
 
 
 def _percent(share: float) -> str:
@@ -57,34 +55,36 @@ def _percent(share: float) -> str:
 
 def _steps(case: Case) -> str:
     """Return the steps in words."""
-    from wovenfab.simulation.response import steps_in
+    from wovenfab.simulation.response import planned_steps
 
     if not case.needs.history:
         return ""
-    steps, rough = f"{steps_in(case)} steps", case.time.tolerance
+    steps, tolerance = f"{planned_steps(case)} steps", case.time.tolerance
     if all(isinstance(segment, Cycles) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
-    cut = "" if rough is None else f", shortened where their error is over {_percent(rough)}"
+    cut = (
+        "" if tolerance is None else f", shortened where their error is over {_percent(tolerance)}"
+    )
     return f", {steps}{cut}"
 
 
-def report(
-    found: Plan, wanted: float, summary: Mapping[str, Any], directory: Path, voice: Console
+def report_errors(
+    plan: Plan, accuracy: float, summary: Mapping[str, Any], directory: Path, console: Console
 ) -> None:
-    """Write and say which errors were reached; collective."""
+    """Write and print the estimated errors of a run; collective."""
     from wovenfab.record.summary import write_summary
-    from wovenfab.study.target_accuracy.error_map import write_errors
+    from wovenfab.study.target_accuracy.estimate import write_errors
 
-    reached: dict[str, Any] = {"wanted": wanted, "shortfall": found.shortfall}
-    if found.estimate is not None:
-        reached["figures"] = found.estimate.as_dict(summary)
-        write_errors(found.estimate, directory)
-    write_summary(directory, {**summary, "accuracy": reached})
-    for name, error in reached.get("figures", {}).items():
+    entry: dict[str, Any] = {"wanted": accuracy, "shortfall": plan.shortfall}
+    if plan.estimate is not None:
+        entry["figures"] = plan.estimate.as_dict(summary)
+        write_errors(plan.estimate, directory)
+    write_summary(directory, {**summary, "accuracy": entry})
+    for name, error in entry.get("figures", {}).items():
         words, unit = WORDS[name]
-        voice.say(
+        console.say(
             f"{words}: estimated error {_percent(error['relative_error'])} "
             f"({error['error']:.3g} {unit})"
         )
-    if found.shortfall:
-        voice.say(_missed(found, wanted))
+    if plan.shortfall:
+        console.say(_missed(plan, accuracy))

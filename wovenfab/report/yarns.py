@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from wovenfab.record.field_file import FieldFile, polylines
 from wovenfab.record.stored_fields import StoredFields
 from wovenfab.report.run_data import RunData
-from wovenfab.report.sheet import YARNS_ALONG, displacements
 
 Values = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -196,6 +195,8 @@ def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
     Returns:
         The two files.
     """
+    from wovenfab.report.sheet import YARNS_ALONG
+
     assert source.fibres is not None
     mesh = Triangles(stored.points(), stored.triangles())
     spacing = float(np.ptp(mesh.points, axis=0).max()) / YARNS_ALONG
@@ -228,6 +229,8 @@ def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
 
 def _common(stored: StoredFields) -> dict[str, str]:
     """Return names, without the family's number, and units of the scalar fields."""
+    from wovenfab.report.sheet import displacements
+
     vectors = {*displacements(stored), "relative_displacement"}
     return {
         name.removesuffix("_1").removesuffix("_2"): unit
