@@ -166,7 +166,9 @@ class _Process:
     def __init__(self, command: Command) -> None:
         """Start it."""
         launcher = ["mpirun", "-n", str(command.ranks)] if command.ranks > 1 else []
-        environment = dict(os.environ) if launcher else child_environment()
+        environment = child_environment()
+        if launcher:  # which needs its variables
+            environment = {**os.environ, "PYTHONPATH": environment["PYTHONPATH"]}
         self._folder = TemporaryDirectory()
         self._output = command.log or Path(self._folder.name) / "output"
         self._errors = self._output.with_suffix(".errors")
