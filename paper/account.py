@@ -14,7 +14,7 @@ from paper.figures import FIGURES
 from paper.numbers import numbers
 from wovenfab.case import Cycles, read_case
 from wovenfab.record.results import Provenance
-from wovenfab.study.members import Member
+from wovenfab.study.sweep import Member
 
 Account = Mapping[str, Any]
 

@@ -11,10 +11,9 @@ from wovenfab.case import Case, Cycles
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import steps_in
-from wovenfab.study.target_accuracy.error_map import write_errors
-from wovenfab.study.target_accuracy.mesh import Plan
-from wovenfab.study.target_accuracy.plan import plan
+from wovenfab.simulation.response import planned_steps
+from wovenfab.study.target_accuracy.estimate import write_errors
+from wovenfab.study.target_accuracy.plan import Plan, plan
 
 logger = logging.getLogger(__name__)
 #: How the figures are called on the screen.
@@ -102,7 +101,7 @@ def _steps(case: Case) -> str:
     """Return the steps in words."""
     if not case.needs.history:
         return ""
-    steps, tolerance = f"{steps_in(case)} steps", case.time.tolerance
+    steps, tolerance = f"{planned_steps(case)} steps", case.time.tolerance
     if all(isinstance(segment, Cycles) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
     if tolerance is None:
