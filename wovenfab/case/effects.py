@@ -26,7 +26,7 @@ from forms import catalogue
 from forms.effect import Effect, Needs, Parameter
 from wovenfab.case.document import FILE, LAW
 from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import Json, OneOr, Section, Varying, hide_default
+from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import KINDS
 
 #: A parameter's value in SI units: the same everywhere, or a formula of x and y.
@@ -73,12 +73,11 @@ Scene = tuple[SceneEffect, ...]
 _LAW = "Which law it obeys"
 
 
-def quantity(parameter: Parameter) -> Varying:
+def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    unit = _unit(parameter)
-    if parameter.above is not None:
-        return Varying(unit=unit, above=parameter.above)
-    return Varying(unit=unit, least=0) if parameter.zero_allowed else Varying(unit=unit, above=0)
+    bound = {"least": 0.0} if parameter.zero_allowed else {"above": 0.0}
+    bound = bound if parameter.above is None else {"above": parameter.above}
+    return Quantity(unit=_unit(parameter), variables=("x", "y"), **bound)
 
 
 def field(name: str) -> str:
