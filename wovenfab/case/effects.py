@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cache
+from math import inf
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
@@ -75,9 +76,10 @@ _LAW = "Which law it obeys"
 
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    bound = {"least": 0.0} if parameter.zero_allowed else {"above": 0.0}
-    bound = bound if parameter.above is None else {"above": parameter.above}
-    return Quantity(unit=_unit(parameter), variables=("x", "y"), **bound)
+    above, least = parameter.above, -inf
+    if above is None:
+        above, least = (-inf, 0.0) if parameter.zero_allowed else (0.0, -inf)
+    return Quantity(unit=_unit(parameter), variables=("x", "y"), above=above, least=least)
 
 
 def field(name: str) -> str:
