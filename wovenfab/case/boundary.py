@@ -23,7 +23,7 @@ from pydantic_core import core_schema
 
 from wovenfab.case.effects import Value
 from wovenfab.case.errors import describe, near_miss, one_of, wrong
-from wovenfab.case.formula import NUMPY_FUNCTIONS, VARIABLES, Expression
+from wovenfab.case.formula import VARIABLES, Expression
 from wovenfab.case.quantities import OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import write
 
@@ -58,9 +58,7 @@ class Component:
         """Return the displacement (m) at points (m, arrays) for a program (m)."""
         if self.expression is None:
             return self.factor * program + self.offset + np.zeros_like(x)
-        with np.errstate(all="ignore"):
-            known = {"x": x, "y": y, "program": program}
-            return self.expression.evaluate(known, NUMPY_FUNCTIONS) + np.zeros_like(x)
+        return self.expression.at(x, y, program)
 
 
 FREE = Component(held=False)

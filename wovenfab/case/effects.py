@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from functools import cache
-from math import inf
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
@@ -76,10 +75,10 @@ _LAW = "Which law it obeys"
 
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    above, least = parameter.above, -inf
-    if above is None:
-        above, least = (-inf, 0.0) if parameter.zero_allowed else (0.0, -inf)
-    return Quantity(unit=_unit(parameter), variables=("x", "y"), above=above, least=least)
+    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))
+    if parameter.above is not None:
+        return kind(above=parameter.above)
+    return kind(least=0) if parameter.zero_allowed else kind(above=0)
 
 
 def field(name: str) -> str:

@@ -19,8 +19,16 @@ from pydantic_core import core_schema
 
 from wovenfab.case import units
 from wovenfab.case.document import Document
-from wovenfab.case.errors import CaseError, describe, near_miss, one_of, problems_in, wrong
-from wovenfab.case.formula import Expression, FormulaError, is_formula
+from wovenfab.case.errors import (
+    CaseError,
+    FormulaError,
+    describe,
+    near_miss,
+    one_of,
+    problems_in,
+    wrong,
+)
+from wovenfab.case.formula import Expression, is_formula
 
 Json = dict[str, Any]
 
