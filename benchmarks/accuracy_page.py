@@ -32,6 +32,7 @@ class Shown:
         case: The case file.
         settings: Values that replace those of the file.
         minutes: Time for its runs.
+        pictures: Stages whose diagrams the page shows; its tables have all.
     """
 
     name: str
@@ -39,6 +40,7 @@ class Shown:
     case: str
     settings: tuple[str, ...]
     minutes: float
+    pictures: tuple[str, ...] = ("space", "time", "both")
 
     @property
     def command(self) -> str:
@@ -59,9 +61,9 @@ _BONDED, _ELASTIC = "configs/bonded-1x3.yaml", "configs/elastic-1x3.yaml"
 _SLIP, _BOTH = "configs/bias-1x3.yaml", "configs/spin-1x3.yaml"
 STUDIES = (
     Shown("bonded", "One placement, elastic", _BONDED, (_MESH,), 1.5),
-    Shown("bonded-spin", "One placement, spin friction", _BONDED, (_MESH, *_CYCLE, _SPIN), 7.0),
+    Shown("bonded-spin", "One placement, spin friction", _BONDED, (_MESH, *_CYCLE, _SPIN), 7.0, ()),
     Shown("elastic", "Two placements, elastic", _ELASTIC, (), 1.5),
-    Shown("slip", "Two placements, slip friction", _SLIP, _CYCLE, 6.0),
+    Shown("slip", "Two placements, slip friction", _SLIP, _CYCLE, 6.0, ("space", "both")),
     Shown("slip-spin", "Two placements, slip and spin friction", _BOTH, _CYCLE, 6.0),
 )
 
@@ -92,7 +94,7 @@ def _section(shown: Shown) -> str:
     answers, tables = (made / "accuracy.md").read_text(encoding="utf-8").split("\n\n**", 1)
     pictures = []
     for stage, title in _STAGES.items():
-        if (picture := made / f"accuracy-{stage}.png").is_file():
+        if stage in shown.pictures and (picture := made / f"accuracy-{stage}.png").is_file():
             copy = PICTURES / f"accuracy-{shown.name}-{stage}.png"
             shutil.copyfile(picture, copy)
             pictures.append(f"![{title}]({copy.relative_to(PAGE.parent)})")

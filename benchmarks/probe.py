@@ -60,8 +60,8 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from mpi4py import MPI
 
     from wovenfab.case import read_case
+    from wovenfab.record.history import peak_force
     from wovenfab.simulation.from_case import sheet_of
-    from wovenfab.simulation.peak_force import peak_force
     from wovenfab.simulation.progress import peak_memory
     from wovenfab.simulation.simulation import Simulation
 

@@ -14,7 +14,7 @@ from ruamel.yaml import YAML
 
 from forms import catalogue
 from wovenfab.case import CaseError, read_case
-from wovenfab.case.problems import one_of
+from wovenfab.case.errors import one_of
 
 HERE = Path(__file__).parent
 TABLE = YAML(typ="safe").load(HERE / "bad_cases.yaml")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from wovenfab.case import CaseError, Cycles, problem_at, read_case
+from wovenfab.case import CaseError, Cycles, read_case
 
 WriteCase = Callable[[str], Path]
 
@@ -121,9 +121,9 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
     ("override", "told"),
     [
         (
-            "effects.shear.stiffness=5 Nm",
+            "effects.shear.stiffness=5 mN",
             "--set effects.shear.stiffness: expected a force per length such as '400 N/m', "
-            "got 'Nm'.",
+            "got 'mN'.",
         ),
         (
             "effects.shear.stifness=5",
@@ -173,8 +173,8 @@ def test_an_overridden_error_of_the_file_is_no_error(example: str, write_case: W
 
 def test_a_problem_found_later_has_the_line_of_its_key(example: str, write_case: WriteCase) -> None:
     path = write_case(example)
-    assert str(problem_at(path, [], "boundary.right", "no such group")) == (
+    assert str(read_case(path).problem("boundary.right", "no such group")) == (
         "case.yaml:15: boundary.right: no such group."
     )
-    given = problem_at(path, ["boundary.grip=clamp"], "boundary.grip", "no such group")
-    assert str(given) == "--set boundary.grip: no such group."
+    given = read_case(path, ["boundary.left=clamp"]).problem("boundary.left", "no such group")
+    assert str(given) == "--set boundary.left: no such group."

@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 
 from forms.catalogue import effects
 from forms.effect import Parameter
-from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, dump_case, read_case
+from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, read_case
 
 WriteCase = Callable[[str], Path]
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
@@ -24,7 +24,7 @@ CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 
 def _again(case: Case, folder: Path) -> Case:
     path = folder / f"{case.name}.yaml"
-    path.write_text(dump_case(case), encoding="utf-8")
+    path.write_text(case.to_yaml(), encoding="utf-8")
     return read_case(path)
 
 
@@ -151,7 +151,7 @@ def test_a_case_cannot_be_changed_and_can_be_sent(example: str, write_case: Writ
 
 def test_what_is_written_names_every_default(example: str, write_case: WriteCase) -> None:
     text = example[: example.index("discretisation:")]
-    written = YAML(typ="safe").load(dump_case(read_case(write_case(text))))
+    written = YAML(typ="safe").load(read_case(write_case(text)).to_yaml())
     newton = {"max_iterations", "tolerance", "tangent", "predictor", "factor", "petsc"}
     assert set(written["solver"]) == newton | {"stability", "seed"}
     assert written["solver"]["stability"] == "stop"

@@ -11,9 +11,8 @@ import pytest
 from forms import catalogue
 from forms.effect import Effect, Needs, Parameter
 from wovenfab.case import CaseError, EdgeCondition, SceneEffect, read_case
-from wovenfab.case.mobility import free_motion
-from wovenfab.case.needs import acting, lacking, needs_of_scene
-from wovenfab.case.scene import Scene, Values
+from wovenfab.case.boundary import free_motion
+from wovenfab.case.effects import Scene, Values, acting, lacking, needs_of_scene
 
 HELD = EdgeCondition.model_validate("clamp")
 X_HELD = EdgeCondition.model_validate({"displacement": [0, "free"]})

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from wovenfab.case import CaseError, dump_case, json_schema, published_schema, read_case
+from wovenfab.case import CaseError, json_schema, published_schema, read_case
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 DATA = YAML(typ="safe").load(EXAMPLE)
@@ -125,7 +125,7 @@ def test_a_case_in_two_parts_reads_as_the_whole(
 def test_the_case_as_resolved_needs_no_other_file(folder: Path) -> None:
     text = "effects: {coupling: null, slip_friction: null}\noutput: {fields: null}\n"
     case = read_case(_derived(text))
-    Path("whole.yaml").write_text(dump_case(case))
+    Path("whole.yaml").write_text(case.to_yaml())
     (folder / "base.yaml").unlink()
     assert read_case(Path("whole.yaml")).model_dump() == case.model_dump()
 

@@ -18,7 +18,6 @@ from wovenfab.case import (
     EdgeCondition,
     Expression,
     conditions_of,
-    dump_case,
     read_case,
 )
 
@@ -206,7 +205,7 @@ def test_one_family_alone_may_hold_its_directions(with_edges: Change) -> None:
 
 def _again(case: Case, folder: Path) -> Case:
     path = folder / "again.yaml"
-    path.write_text(dump_case(case), encoding="utf-8")
+    path.write_text(case.to_yaml(), encoding="utf-8")
     return read_case(path)
 
 

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from forms import catalogue
-from wovenfab.case import Case, CaseError, dump_case, read_case
-from wovenfab.case.own_trial import REMEDY
+from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.custom_effects import REMEDY
 
 WriteCase = Callable[[str], Path]
 
@@ -211,7 +211,7 @@ def test_the_case_as_written_finds_the_file_from_anywhere(
     case = read_case(path)
     (tmp_path / "elsewhere").mkdir()
     again = tmp_path / "elsewhere" / "case.yaml"
-    again.write_text(dump_case(case))
+    again.write_text(case.to_yaml())
     assert read_case(again) == case
     assert repr(read_case(again)) == repr(case)
 

@@ -18,7 +18,7 @@ from paper.elements import compare, finding
 from paper.elements_page import ERRORS, LOOPS, YARNS
 from paper.figures import CYCLE, FIGURES
 from paper.page import page
-from wovenfab.report.metadata import read_stamp
+from wovenfab.report.style import read_provenance
 from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep
 
@@ -111,7 +111,7 @@ def test_all_figures_are_drawn_and_say_where_they_are_from(first: tuple[Path, st
     account = json.loads((first[0] / "paper" / "account.json").read_text())
     assert [figure.number for figure in FIGURES] == list(range(2, 14))
     for picture in PICTURES:
-        told = read_stamp(first[0] / "paper" / picture)
+        told = read_provenance(first[0] / "paper" / picture)
         assert (told.command, told.commit) == (account["command"], account["commit"])
         assert told.command.startswith("python3 -m paper ")
 

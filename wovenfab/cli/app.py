@@ -99,6 +99,20 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
     ] = False,
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "-v",
+            "--verbose",
+            count=True,
+            show_default=False,
+            help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
+        ),
+    ] = 0,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", show_default=False, help="Write all of that, with times, to a file."),
+    ] = None,
     petsc: Annotated[
         list[str] | None,
         typer.Argument(
@@ -113,7 +127,7 @@ def run(
     """
     from wovenfab.cli.run import run_case
 
-    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or []))
+    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or [], verbose, log))
 
 
 @app.command()
@@ -225,15 +239,15 @@ def schema(
 
 def guarded(command: Callable[[], None]) -> None:
     """Run a command line; no traceback for anything that a user did."""
-    voice = Console()
+    console = Console()
     try:
         command()
     except CaseError as error:
-        voice.problem(str(error))
+        console.problem(str(error))
         sys.exit(BAD_INPUT)
     except Exception as error:
         if was_interrupted(error):
-            voice.problem("interrupted")
+            console.problem("interrupted")
             sys.exit(INTERRUPTED)
         # A fault of the program: say so, and take the other ranks down with this one.
         traceback.print_exc()

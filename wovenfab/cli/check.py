@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 from forms.catalogue import effects
 from forms.effect import Needs
-from wovenfab.case import Case, dump_case, read_case
-from wovenfab.case.needs import acting
+from wovenfab.case import Case, acting, read_case
 from wovenfab.cli.console import Console
-from wovenfab.cli.sheet import sheet_for
 from wovenfab.simulation.progress import memory
 
 if TYPE_CHECKING:
@@ -29,10 +27,13 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
     console = Console()
     case = read_case(path, overrides)
     if resolved:
-        console.say(dump_case(case).rstrip())
+        console.say(case.to_yaml().rstrip())
         return 0
-    sheet = sheet_for(case, path, overrides)
-    from wovenfab.simulation.from_case import program_of_case
+    from mpi4py import MPI
+
+    from wovenfab.simulation.from_case import program_of_case, sheet_of
+
+    sheet = sheet_of(case, MPI.COMM_WORLD)
 
     steps = len(program_of_case(case).milestones) - 1
     for line in describe(case, count_unknowns(case, sheet), steps):
@@ -85,8 +86,8 @@ def _brought(now: Needs, more: Needs) -> str:
         (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
-    brought = [what for is_new, what in news if is_new]
-    return " and ".join(brought) or "its own terms only"
+    found = [what for is_new, what in news if is_new]
+    return " and ".join(found) or "its own terms only"
 
 
 def _listed(names: Sequence[str]) -> str:

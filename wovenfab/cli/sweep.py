@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from wovenfab.case.problems import refusal
+from wovenfab.case import refusal
 from wovenfab.cli.console import FAILED_STEP, INTERRUPTED, Console, duration
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.sweep import Member, Run, Sweep, markdown, members_of, sweep, write_table
@@ -68,7 +68,7 @@ def exit_code(runs: Sequence[Run]) -> int:
 
 def _draw(runs: Sequence[Run], directory: Path) -> None:
     """Draw the loops of all runs over each other, as ``overlay.png`` and ``overlay.svg``."""
-    from wovenfab.report.overlays import loops
+    from wovenfab.report.curves import loops
     from wovenfab.report.run_data import open_run_data
     from wovenfab.report.style import house_style, save
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -33,7 +32,14 @@ class FieldWriter:
         lattice = Lattice(case.discretisation.degree)
         self._probe = FieldProbe(simulation.model, case.output.fields, lattice.points)
         units = {f.name: f.unit or "1" for f in self._probe.fields}
-        self._series = _series(simulation, directory, lattice, self._probe, units)
+        self._series = FieldSeries(
+            directory,
+            simulation.comm,
+            lattice,
+            self._probe.positions().reshape(-1, 2),
+            simulation.model.sheet.original_cells[self._probe.cells],
+            units,
+        )
         self._planned = -1
 
     def __call__(self, step: Step) -> None:
@@ -61,12 +67,12 @@ class ModeWriter:
             of negative eigenvalues there.
     """
 
-    def __init__(self, simulation: Simulation, directory: Path) -> None:
+    def __init__(self, simulation: Simulation, directory: Path | None) -> None:
         """Write nothing yet.
 
         Args:
             simulation: The simulation.
-            directory: The results directory.
+            directory: The results directory; None to keep only the figures.
         """
         self._simulation, self._directory = simulation, directory
         self._files: tuple[FieldProbe, FieldSeries] | None = None
@@ -75,16 +81,17 @@ class ModeWriter:
     def __call__(self, step: Step) -> None:
         """Write the loss before a step, if there is one; collective."""
         if step.loss is not None:
-            self.write(step.loss)
+            self.add(step.loss)
 
-    def write(self, loss: StabilityLoss) -> None:
+    def add(self, loss: StabilityLoss) -> None:
         """Write a loss; collective. The model's field is left as it is."""
-        probe, series = self._files = self._files or self._start()
-        data = {}
-        for part, values in (("displacement", loss.saddle), ("mode", loss.mode)):
-            for name, at_points in self._evaluated(probe, values).items():
-                data[name.replace("displacement", part)] = at_points
-        series.write(len(self.figures), loss.time, data)
+        if self._directory is not None:
+            probe, series = self._files = self._files or self._start(self._directory)
+            data = {}
+            for part, values in (("displacement", loss.saddle), ("mode", loss.mode)):
+                for name, at_points in self._evaluated(probe, values).items():
+                    data[name.replace("displacement", part)] = at_points
+            series.write(len(self.figures), loss.time, data)
         self.figures.append(
             {
                 "time_s": loss.time,
@@ -95,13 +102,15 @@ class ModeWriter:
             }
         )
 
-    def _start(self) -> tuple[FieldProbe, FieldSeries]:
+    def _start(self, directory: Path) -> tuple[FieldProbe, FieldSeries]:
         model = self._simulation.model
         lattice = Lattice(model.balance.degree)
         probe = FieldProbe(model, ["displacement"], lattice.points)
         units = {f.name: f.unit for f in probe.fields}
         units |= {name.replace("displacement", "mode"): "1" for name in units}
-        return probe, _series(self._simulation, self._directory, lattice, probe, units, MODE)
+        places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
+        series = FieldSeries(directory, model.comm, lattice, places, cells, units, MODE)
+        return probe, series
 
     def _evaluated(
         self, probe: FieldProbe, values: NDArray[np.float64]
@@ -111,22 +120,3 @@ class ModeWriter:
         with preserved(field):
             field.x.array[:] = values
             return {name: v.reshape(-1, v.shape[2]) for name, v in probe.values().items()}
-
-
-def _series(
-    simulation: Simulation,
-    directory: Path,
-    lattice: Lattice,
-    probe: FieldProbe,
-    units: Mapping[str, str],
-    *name: str,
-) -> FieldSeries:
-    return FieldSeries(
-        directory,
-        simulation.comm,
-        probe.positions().reshape(-1, 2),
-        lattice.connectivity(len(probe.cells)),
-        simulation.model.sheet.original_cells[probe.cells],
-        units,
-        *name,
-    )

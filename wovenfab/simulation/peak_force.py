@@ -1,9 +1,8 @@
-"""The peak force of a run: of its recorded steps, and of the curve between them.
+"""The peak force of the curve between recorded steps, ``peak_force_interpolated_N``.
 
-``peak_force_N`` is the recorded force of largest size wherever it is written under this name.
-It changes by chance from one step size to the next, in the same way with every scheme, and so
-hides errors of the steps; a study of accuracy compares the interpolated peak,
-``peak_force_interpolated_N``.
+The recorded peak (``peak_force_N``, :func:`wovenfab.record.history.peak_force`) changes by chance
+from one step size to the next, in the same way with every scheme, and so hides errors of the
+steps; a study of accuracy compares the interpolated one.
 """
 
 from __future__ import annotations
@@ -11,21 +10,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 #: Steps through which a parabola goes, and points between two steps where two are compared.
 THREE, BETWEEN = 3, 129
-
-
-def peak_force(forces: ArrayLike) -> float:
-    """Return the recorded force of largest size, with its sign.
-
-    Args:
-        forces: At the steps, N, shape (n,).
-    """
-    values = np.asarray(forces, dtype=np.float64)
-    return float(values[np.abs(values).argmax()])
 
 
 def peak_force_bound(times: Array, forces: Array) -> float:

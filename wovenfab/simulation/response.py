@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
+from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import program_of_case
-from wovenfab.simulation.peak_force import peak_force, peak_force_bound
+from wovenfab.simulation.peak_force import peak_force_bound
 from wovenfab.simulation.prolongation import Prolongation
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step

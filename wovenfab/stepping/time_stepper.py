@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
 
 from wovenfab.model.model import preserved
@@ -16,6 +17,8 @@ from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, UnsoundSheetError
 from wovenfab.stepping.step_size import StepSizeControl
 from wovenfab.stepping.time_error import StepError, TimeErrorEstimator, rate_error
+
+logger = logging.getLogger(__name__)
 
 
 class TimeStepper:
@@ -114,6 +117,11 @@ class TimeStepper:
             if result.converged and not saddle:
                 error = self._estimate_error(until, jump)
                 if self._is_too_long(error, length, planned):
+                    assert error is not None
+                    logger.info(
+                        "t = %.6g s: step of %.3g s repeated with a shorter length: its error in "
+                        "time is %.2g", state.time, length, error.relative,
+                    )  # fmt: skip
                     self._cutbacks += 1
                     state.restore()
                     continue
@@ -123,12 +131,18 @@ class TimeStepper:
                     step_size.accepted(length, result.tangents)
                 loss = self._stability.passed()
                 if loss is not None:
+                    logger.info("%s; the branch is followed", loss)
                     step_size.bracketed(length)
                 jump = loss is not None
                 yield self._record(result, end if until == end.time else None, loss)
                 self._cutbacks = 0
                 continue
             self._cutbacks += 1
+            logger.info(
+                "t = %.6g s: step of %.3g s rejected: %s after %d iterations, residual %.3g N, "
+                "%d negative eigenvalues", state.time, length, result.reason, result.iterations,
+                result.residual, result.negatives,
+            )  # fmt: skip
             if self._stability.loss is not None:  # try farther beyond it, if that is wanted
                 state.restore()
                 if until == end.time or not self._stability.follows:

@@ -27,7 +27,7 @@ from typing import Any
 
 import forms
 import wovenfab
-from wovenfab.case import Case, Rectangle, Table, dump_case
+from wovenfab.case import Case, Rectangle, Table
 from wovenfab.parallel import child_environment
 from wovenfab.record.results import write_whole
 
@@ -274,7 +274,7 @@ def fingerprint(case: Case, *sources: Path) -> str:
         case: The case.
         sources: Python files and folders whose code counts, too.
     """
-    parts = [dump_case(case), *map(_content, _files_of(case)), code(*sources)]
+    parts = [case.to_yaml(), *map(_content, _files_of(case)), code(*sources)]
     return _digest("\0".join(parts))
 
 

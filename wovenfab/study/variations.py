@@ -13,12 +13,21 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
-from wovenfab.case import CaseError, Problem
-from wovenfab.case.document import Document, Place, parse_document, read_document
-from wovenfab.case.files import existing_file, folder_of
-from wovenfab.case.problems import OVERRIDE, refusal
-from wovenfab.case.translate import problems_in
-from wovenfab.case.values import OneOr, Section
+from wovenfab.case import (
+    OVERRIDE,
+    CaseError,
+    Document,
+    OneOr,
+    Place,
+    Problem,
+    Section,
+    existing_file,
+    folder_of,
+    parse_document,
+    problems_in,
+    read_document,
+    refusal,
+)
 
 #: ``Problem.file`` of what the command line varies.
 OVER = "--over"

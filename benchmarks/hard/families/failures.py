@@ -12,8 +12,8 @@ import numpy as np
 
 from benchmarks.hard.pictures.runs import draw_failures
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
+from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.stored_fields import read_fields
 from wovenfab.record.summary import read_summary
 from wovenfab.study.runner import Command, execute
 

@@ -26,6 +26,7 @@ from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.field_file import ERROR
 from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.prolongation import prolongated
@@ -280,12 +281,12 @@ def write_errors(estimate: Estimate, directory: Path) -> None:
     series = FieldSeries(
         directory,
         comm,
+        Lattice(1),
         corners.reshape(-1, 2),
-        Lattice(1).connectivity(len(shares)),
         low.sheet.original_cells[: len(shares)],
         {"error_share": "1", "error_density": "1/m^2"},
         ERROR,
     )
-    at_peak = float(columns["time_s"][np.abs(columns["force_N"]).argmax()])
+    at_peak = float(columns["time_s"][index_of_peak(columns["force_N"])])
     fields = {"error_share": np.repeat(shares, 3), "error_density": np.repeat(shares / area, 3)}
     series.write(0, at_peak, fields)
