@@ -3,9 +3,10 @@
 
 case  = configs/bias-1x3.yaml
 ranks = 2
+before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -49,6 +50,11 @@ hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" fo
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page
+
+unchanged: ## compare the histories of all cases with those of another commit, before=REVISION
+	code=$$(mktemp -d) && trap 'rm -rf "$$code"' EXIT && \
+	git archive $(before) | tar -x -C "$$code" && \
+	$(enter) python3 -m benchmarks.unchanged "$$code" "$$(git rev-parse $(before))"
 
 paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)
 	tests/paraview/run.sh $(results)

@@ -26,7 +26,7 @@ from wovenfab.study.accuracy.measure import (
     StoredRuns,
     measure,
 )
-from wovenfab.study.accuracy.settings import CaseFile, Setting
+from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.accuracy.strategy import Runner, run_study
 from wovenfab.study.accuracy.study import TARGETS, Study
 
@@ -74,7 +74,7 @@ def counted(path: Path) -> Runner:
 
 
 def studied(path: Path, budget: float) -> Study:
-    return run_study(CaseFile(path), counted(path), budget, lambda *_: None)
+    return run_study(read_case(path), counted(path), budget, lambda *_: None)
 
 
 @pytest.mark.slow  # what a study finds depends on the time it has
@@ -213,10 +213,10 @@ def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path:
 
     setting = Setting("space", "any", 2, "any", ("discretisation.mesh_size=4 mm",), ())
     with pytest.raises(KeyboardInterrupt):
-        StoredRuns(CaseFile(path), tmp_path / "runs", interrupt)(setting)
+        StoredRuns(read_case(path), tmp_path / "runs", interrupt)(setting)
     assert not (tmp_path / "runs").exists()
     hopeless = Setting("space", "any", 2, "any", (), ("program.to=-2 m", "program.steps=1"))
-    found = StoredRuns(CaseFile(path), tmp_path / "runs")(hopeless)
+    found = StoredRuns(read_case(path), tmp_path / "runs")(hopeless)
     assert "no equilibrium" in found.failure
 
 

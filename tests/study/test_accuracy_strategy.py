@@ -21,7 +21,7 @@ from wovenfab.study.accuracy.errors import (
     forecast,
 )
 from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, Measured
-from wovenfab.study.accuracy.settings import CaseFile, Setting
+from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.accuracy.strategy import MethodState, run_study
 from wovenfab.study.accuracy.study import TARGETS, Run, Study
 
@@ -83,7 +83,7 @@ class Formula:
 
 
 def studied(runner: Formula, budget: float = 300.0) -> Study:
-    return run_study(CaseFile(ROOT / SLIP.case, SLIP.settings), runner, budget, lambda *_: None)
+    return run_study(read_case(ROOT / SLIP.case, SLIP.settings), runner, budget, lambda *_: None)
 
 
 @pytest.mark.parametrize("mixed", [0.0, 4.0, -8.0])

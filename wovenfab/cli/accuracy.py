@@ -35,17 +35,16 @@ def study_accuracy(
         raise CaseError([case.problem("discretisation", problem, remedy)])
     from wovenfab.report.study_pictures import draw_work_precision
     from wovenfab.study.accuracy.measure import StoredRuns
-    from wovenfab.study.accuracy.settings import CaseFile
     from wovenfab.study.accuracy.strategy import run_study
     from wovenfab.study.accuracy.study import answers, tables, write_csv
 
     directory = output or Path("results") / f"{case.name}-accuracy"
     directory.mkdir(parents=True, exist_ok=True)
-    base, monitor = CaseFile(path, tuple(overrides)), _Monitor(console, 60 * minutes)
-    runner = StoredRuns(base, directory / RUNS, monitor.progress)
+    monitor = _Monitor(console, 60 * minutes)
+    runner = StoredRuns(case, directory / RUNS, monitor.progress)
     try:
         with console:
-            study = run_study(base, runner, 60 * minutes, monitor.report)
+            study = run_study(case, runner, 60 * minutes, monitor.report)
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED

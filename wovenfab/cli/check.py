@@ -86,8 +86,8 @@ def _brought(now: Needs, more: Needs) -> str:
         (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
-    brought = [what for is_new, what in news if is_new]
-    return " and ".join(brought) or "its own terms only"
+    found = [what for is_new, what in news if is_new]
+    return " and ".join(found) or "its own terms only"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -18,7 +18,7 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
     from wovenfab.study.effects import line, markdown, reader, study, write_csv
 
     console = Console()
-    read = reader(path, overrides)
+    read = reader(case)
     rows = study(tuple(case.effects), read, MPI.COMM_WORLD, lambda row: console.say(line(row)))
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-effects"

@@ -18,7 +18,7 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case import Case, CaseError
 from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
@@ -150,13 +150,12 @@ class Row:
     refused: str = ""
 
 
-def reader(path: Path, overrides: Sequence[str]) -> Reader:
-    """Return how a case file is read with some of its effects; arguments as of `read_case`."""
-    names = tuple(read_case(path, overrides).effects)
+def reader(case: Case) -> Reader:
+    """Return how a case is read with some of its effects."""
+    names = tuple(case.effects)
 
     def read(present: Sequence[str]) -> Case:
-        left_out = [f"effects.{name}=null" for name in names if name not in present]
-        return read_case(path, [*overrides, *left_out])
+        return case.changed(*(f"effects.{name}=null" for name in names if name not in present))
 
     return read
 

@@ -26,15 +26,11 @@ class Member:
 
     Attributes:
         label: Its name for people.
-        path: The case file.
-        overrides: What replaces values of the file, as for :func:`wovenfab.case.read_case`.
-        case: The case that follows.
+        case: Its case.
         variation: What is varied, with this member's values.
     """
 
     label: str
-    path: Path
-    overrides: tuple[str, ...]
     case: Case
     variation: Variation
 
@@ -74,8 +70,9 @@ def members_of(
     Raises:
         CaseError: A case is not valid with some of the values, or two members are alike.
     """
-    members = [_member(path, variation, overrides) for path in paths for variation in variations]
-    if len({member.path for member in members}) > 1:
+    cases = [read_case(path, overrides) for path in paths]
+    members = [_member(case, variation) for case in cases for variation in variations]
+    if len({member.case.path for member in members}) > 1:
         members = [
             replace(m, label=": ".join(filter(None, (m.case.name, m.label)))) for m in members
         ]
@@ -87,13 +84,12 @@ def members_of(
     return members
 
 
-def _member(path: Path, variation: Variation, overrides: Sequence[str]) -> Member:
-    every = (*overrides, *variation.overrides())
+def _member(case: Case, variation: Variation) -> Member:
     try:
-        case = read_case(path, every)
+        varied = case.changed(*variation.overrides())
     except CaseError as error:
         raise CaseError(map(variation.at_source, error.problems)) from error
-    return Member(variation.label(), path, every, case, variation)
+    return Member(variation.label(), varied, variation)
 
 
 def _steps(segment: Segment, case: Case) -> int:
@@ -157,9 +153,9 @@ class Run:
     @property
     def command(self) -> Command:
         """The command that makes the results."""
-        member = self.member
-        arguments = ["-m", "wovenfab", "run", str(member.path), "-o", str(self.directory)]
-        overrides = [word for text in member.overrides for word in ("--set", text)]
+        case = self.member.case
+        arguments = ["-m", "wovenfab", "run", str(case.path), "-o", str(self.directory)]
+        overrides = [word for text in case.overrides for word in ("--set", text)]
         return Command([*arguments, "--overwrite", *overrides], log=self.log)
 
     def is_unchanged(self) -> bool:

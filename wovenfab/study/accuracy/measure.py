@@ -28,7 +28,7 @@ from wovenfab.simulation.peak_force import interpolated_peak_force
 from wovenfab.simulation.progress import peak_memory
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
-from wovenfab.study.accuracy.settings import CaseFile, Setting
+from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.runner import Command, Store, execute, fingerprint
 
 PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_interpolated_N", "dissipated_J", "rms_beta_m"
@@ -173,18 +173,18 @@ class StoredRuns:
 
     def __init__(
         self,
-        base: CaseFile,
+        case: Case,
         folder: Path,
         progress: Callable[[float], None] = lambda seconds: None,
     ) -> None:
         """Run nothing yet.
 
         Args:
-            base: The case file.
+            case: The case, read from a file.
             folder: Where results are stored, a file each.
             progress: Called several times a second during a run with its wall time, s.
         """
-        self._base, self._store, self._progress = base, Store(folder), progress
+        self._case, self._store, self._progress = case, Store(folder), progress
         self.asked = self.stored = 0
 
     def __call__(self, setting: Setting) -> Measured:
@@ -194,17 +194,18 @@ class StoredRuns:
             KeyboardInterrupt: This process was interrupted; the run was ended, too.
         """
         self.asked += 1
-        key = fingerprint(self._base.changed(*setting.overrides), Path(__file__))
+        case = self._case.changed(*setting.overrides)
+        key = fingerprint(case, Path(__file__))
         if (result := self._store.load(key)) is not None:
             self.stored += 1
             return Measured(**result)
-        measured = self._run(setting)
+        measured = self._run(case)
         self._store.save(key, key, asdict(measured))
         return measured
 
-    def _run(self, setting: Setting) -> Measured:
-        arguments = [str(self._base.path), *self._base.overrides, *setting.overrides]
-        command = Command(["-m", "wovenfab.study.accuracy.measure", *arguments])
+    def _run(self, case: Case) -> Measured:
+        module = "wovenfab.study.accuracy.measure"
+        command = Command(["-m", module, str(case.path), *case.overrides])
         compiled = 0.0
         for _ in range(_MOST_STARTS):
             ended = execute(command, self._progress)

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from math import log2
-from pathlib import Path
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table, read_case
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table
 from wovenfab.stepping.schemes import SCHEMES
 
 #: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
@@ -77,26 +76,9 @@ class Setting:
 
 
 @dataclass(frozen=True)
-class CaseFile:
-    """A case file and the values that replace those of the file."""
-
-    path: Path
-    overrides: tuple[str, ...] = ()
-
-    def changed(self, *overrides: str) -> Case:
-        """Return the case with more values replaced.
-
-        Raises:
-            CaseError: It is not valid.
-        """
-        return read_case(self.path, (*self.overrides, *overrides))
-
-
-@dataclass(frozen=True)
 class Steps:
     """Planned steps of a case, all segments multiplied by the same factor."""
 
-    base: CaseFile
     case: Case
 
     @property
@@ -136,7 +118,7 @@ class Steps:
     def _place(self, number: int) -> str:
         """Return the key of a segment: a program of one may be written without a list."""
         try:
-            self.base.changed("program.steps=1")
+            self.case.changed("program.steps=1")
         except CaseError:
             return f"program.{number}"
         return "program"

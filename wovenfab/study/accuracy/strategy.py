@@ -12,12 +12,11 @@ from dataclasses import dataclass, field, replace
 from itertools import islice, product
 from math import inf, sqrt
 
-from wovenfab.case import CaseError
+from wovenfab.case import Case, CaseError
 from wovenfab.study.accuracy.errors import Combined, Pair, best_of, forecast, worst
 from wovenfab.study.accuracy.measure import Measured
 from wovenfab.study.accuracy.settings import (
     COARSEST,
-    CaseFile,
     Setting,
     Steps,
     space_methods,
@@ -53,20 +52,19 @@ Runner = Callable[[Setting], Measured]
 Report = Callable[[Study, Setting, float, Run | None], None]
 
 
-def run_study(base: CaseFile, runner: Runner, budget: float, report: Report) -> Study:
+def run_study(case: Case, runner: Runner, budget: float, report: Report) -> Study:
     """Make the study of a case.
 
     Args:
-        base: The case file.
+        case: The case.
         runner: Runs a setting.
         budget: Time for all runs together, s; stored results count, too, so that a
             study that was interrupted ends as if it had not been.
         report: Called before and after each run.
     """
-    case = base.changed()
-    steps = Steps(base, case)
+    steps = Steps(case)
     study = Study()
-    scheduler = Scheduler(base, runner, study, report, _ENOUGH * TARGETS[-1])
+    scheduler = Scheduler(case, runner, study, report, _ENOUGH * TARGETS[-1])
     in_time = case.needs.history and steps.can_vary
     coarse = steps.with_factor(COARSEST)
     space = scheduler.start([space_refinement(m, coarse) for m in space_methods(case)])
@@ -188,18 +186,18 @@ class Scheduler:
     """
 
     def __init__(
-        self, base: CaseFile, runner: Runner, study: Study, report: Report, enough: float
+        self, case: Case, runner: Runner, study: Study, report: Report, enough: float
     ) -> None:
         """Run nothing yet.
 
         Args:
-            base: The case file.
+            case: The case.
             runner: Runs a setting.
             study: The study to which the runs belong; its time is counted here.
             report: Called before and after each run.
             enough: Relative error with which a method ends.
         """
-        self._base, self._runner, self._study = base, runner, study
+        self._case, self._runner, self._study = case, runner, study
         self._report, self._enough = report, enough
         self._results: dict[tuple[str, ...], Measured] = {}
 
@@ -264,7 +262,7 @@ class Scheduler:
     def run_one(self, setting: Setting, expected: float) -> Run | None:
         """Run one setting; None where the case cannot be read with it."""
         try:
-            self._base.changed(*setting.overrides)
+            self._case.changed(*setting.overrides)
         except CaseError:
             return None
         measured = self._results.get(setting.overrides)

@@ -16,7 +16,7 @@ from wovenfab.study.target_accuracy.estimate import write_errors
 from wovenfab.study.target_accuracy.plan import Plan, plan
 
 logger = logging.getLogger(__name__)
-#: How the figures are called on the screen.
+#: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
 
@@ -32,13 +32,13 @@ def choose(
         progress: Gets what is being done.
     """
     assert case.accuracy is not None
-    meshed = {case.discretisation.mesh_size: sheet}
+    sheets = {case.discretisation.mesh_size: sheet}
 
     def mesher(trial: Case) -> Sheet:
         size = trial.discretisation.mesh_size
-        if size not in meshed:
-            meshed[size] = sheet_of(trial, sheet.mesh.comm)
-        return meshed[size]
+        if size not in sheets:
+            sheets[size] = sheet_of(trial, sheet.mesh.comm)
+        return sheets[size]
 
     chosen = plan(case, mesher, progress)
     d = chosen.case.discretisation
@@ -61,7 +61,7 @@ def report_errors(
     directory: Path | None,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Say and write which errors were reached; return the summary with them. Collective.
+    """Print and write the estimated errors; return the summary with them. Collective.
 
     Args:
         chosen: What :func:`choose` returned.
@@ -70,15 +70,15 @@ def report_errors(
         directory: Its results directory, or None.
         say: Gets messages.
     """
-    reached: dict[str, Any] = {"wanted": accuracy, "shortfall": chosen.shortfall}
+    entry: dict[str, Any] = {"wanted": accuracy, "shortfall": chosen.shortfall}
     if chosen.estimate is not None:
-        reached["figures"] = chosen.estimate.as_dict(summary)
+        entry["figures"] = chosen.estimate.as_dict(summary)
         if directory is not None:
             write_errors(chosen.estimate, directory)
-    more = {**summary, "accuracy": reached}
+    more = {**summary, "accuracy": entry}
     if directory is not None:
         write_summary(directory, more)
-    for name, error in reached.get("figures", {}).items():
+    for name, error in entry.get("figures", {}).items():
         words, unit = WORDS[name]
         say(
             f"{words}: estimated error {_percent(error['relative_error'])} "
