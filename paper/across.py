@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from paper.field import index_at_largest
 from wovenfab.case import Rectangle
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.fields import read_fields
 from wovenfab.report.yarns import Triangles
 
 Values = NDArray[np.float64]

@@ -18,9 +18,9 @@ from paper.elements_page import ERRORS, LOOPS, YARNS
 from paper.elements_yarns import yarns
 from paper.figures import CYCLE, FIGURES, Panel, PaperFigure
 from paper.sheets import sheets
-from wovenfab.record.cycles import window
+from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.summary import window
 from wovenfab.report.animation import animate
 from wovenfab.report.curves import program
 from wovenfab.report.run_data import open_run_data
@@ -38,6 +38,8 @@ from wovenfab.report.style import (
 )
 
 Values = NDArray[np.float64]
+#: Resolution of the pictures of fields (1/in), which are smooth.
+FIELD_DPI = 150
 
 
 def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator[tuple[int, float]]:
@@ -55,7 +57,7 @@ def draw_figures(results: Results, folder: Path, origin: Provenance) -> Iterator
     for figure in FIGURES:
         with house_style():
             drawn = _DRAW[figure.kind](figure, results)
-            save(drawn, folder / figure.file, origin)
+            save(drawn, folder / figure.file, origin, FIELD_DPI)
         yield figure.number, float(drawn.get_figwidth())
 
 
@@ -87,7 +89,7 @@ def draw_elements(
             (ERRORS, errors(found)),
             (YARNS, yarns(campaign, results)),
         ):
-            save(drawn, folder / name, origin)
+            save(drawn, folder / name, origin, FIELD_DPI)
             yield name, float(drawn.get_figwidth())
 
 

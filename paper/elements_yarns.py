@@ -13,11 +13,10 @@ from paper.claims import RATIOS
 from paper.elements import KINDS
 from paper.field import index_at_largest
 from wovenfab.case import Rectangle
-from wovenfab.record.stored_fields import read_fields
-from wovenfab.report.field_styles import scale_of
+from wovenfab.record.fields import read_fields
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.sheet import Sheet, lines, paint, sheet_at
-from wovenfab.report.style import INK, MILLIMETRE, WIDTH, YARNS
+from wovenfab.report.style import INK, MILLIMETRE, WIDTH, YARNS, scale_of
 from wovenfab.report.yarns import Triangles, material_lines
 
 Values = NDArray[np.float64]

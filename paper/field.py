@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.stored_fields import StoredFields, read_fields
 
 Values = NDArray[np.float64]
 

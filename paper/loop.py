@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.record.cycles import window
+from wovenfab.record.summary import window
 
 Values = NDArray[np.float64]
 #: Share of the amplitude at the points of a loop.

@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 
 from paper.campaign import Results
 from paper.figures import Panel, PaperFigure
-from wovenfab.record.stored_fields import read_fields
-from wovenfab.report.field_styles import FIELD_STYLES, Scale, scale_of
+from wovenfab.record.fields import read_fields
 from wovenfab.report.run_data import largest, open_run_data
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
-from wovenfab.report.style import INK, MILLIMETRE
+from wovenfab.report.style import FIELD_STYLES, INK, MILLIMETRE, Scale, scale_of
 
 #: Length on paper (in) of a metre of sheet: the longest one fills the width of a page.
 _SCALE = 4.6

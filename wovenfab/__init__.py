@@ -1,19 +1,59 @@
-"""wovenfab: how woven fabrics stretch, shear, bend, slip and dissipate."""
+"""wovenfab: how woven fabrics stretch, shear, bend, slip and dissipate.
+
+Three lines in a notebook or a script, also under ``mpirun``::
+
+    case = wovenfab.read_case("configs/bias-1x3.yaml", {"program.amplitudes": "40 mm"})
+    run = wovenfab.simulate(case)
+    run.history["force"]
+"""
+
+from __future__ import annotations
 
 import tomllib
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from wovenfab.case import Case, CaseError, read_case
+    from wovenfab.interface import History, Run, SolvedStep, read_results, simulate, steps
+
+__all__ = [
+    "Case",
+    "CaseError",
+    "History",
+    "Run",
+    "SolvedStep",
+    "__version__",
+    "read_case",
+    "read_results",
+    "simulate",
+    "steps",
+]
 
 
 def _version() -> str:
-    """Return the installed version, or that of the source tree this file lies in."""
+    """Return the version of the source tree this file lies in, or the installed one."""
+    project = Path(__file__).parent.parent / "pyproject.toml"
+    if project.is_file():
+        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
     try:
         return version("wovenfab")
     except PackageNotFoundError:
-        project = Path(__file__).parent.parent / "pyproject.toml"
-        if not project.is_file():
-            return "unknown"
-        return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
+        return "unknown"
 
 
 __version__ = _version()
+
+
+def __getattr__(name: str) -> Any:
+    """Import the interface when it is first used: the command line needs only parts of it."""
+    if name in __all__:
+        return getattr(import_module("wovenfab.interface"), name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    """Return the names of the interface, too."""
+    return sorted({*globals(), *__all__})

@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.hard.alternatives import Unlimited, Unsearched
 from benchmarks.hard.families import row_named
 from benchmarks.hard.row import Row, problems
-from benchmarks.hard.trials import Unlimited, Unsearched
 
 Change = Callable[[Row], Row]
 

@@ -18,7 +18,7 @@ from paper.elements import compare, finding
 from paper.elements_page import ERRORS, LOOPS, YARNS
 from paper.figures import CYCLE, FIGURES
 from paper.page import page
-from wovenfab.report.metadata import read_stamp
+from wovenfab.report.style import read_provenance
 from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep
 
@@ -111,7 +111,7 @@ def test_all_figures_are_drawn_and_say_where_they_are_from(first: tuple[Path, st
     account = json.loads((first[0] / "paper" / "account.json").read_text())
     assert [figure.number for figure in FIGURES] == list(range(2, 14))
     for picture in PICTURES:
-        told = read_stamp(first[0] / "paper" / picture)
+        told = read_provenance(first[0] / "paper" / picture)
         assert (told.command, told.commit) == (account["command"], account["commit"])
         assert told.command.startswith("python3 -m paper ")
 
@@ -146,6 +146,6 @@ def test_elements_that_cannot_jump_are_too_stiff(paper: Path, first: tuple[Path,
 
 def test_a_second_time_nothing_is_computed(paper: Path, first: tuple[Path, str]) -> None:
     runs = sweep(campaign_of(paper).members, first[0], 1, lambda *_: None)
-    assert [run.state for run in runs] == ["kept"] * 31
+    assert [run.state for run in runs] == ["unchanged"] * 31
     other = campaign_of(paper, ["effects.shear.stiffness=401"]).members[0]
     assert fingerprint(other.case) not in (first[0] / other.name / ".fingerprint").read_text()

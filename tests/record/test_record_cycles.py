@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wovenfab.record.cycles import cycles
+from wovenfab.record.summary import cycles
 
 PERIOD, AMPLITUDE, STIFFNESS, VISCOSITY = 2.0, 0.04, 3e3, 50.0
 SLIDER, DRIFT = 7.0, 1e-3

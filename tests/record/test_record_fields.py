@@ -9,8 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.record.light_reader import BrokenFileError, read
-from wovenfab.record.fields import FieldSeries, Lattice
-from wovenfab.record.stored_fields import read_fields
+from wovenfab.record.fields import FieldSeries, Lattice, read_fields
 
 UNITS = {"displacement_1": "m", "beta": "m", "shear_angle": "rad"}
 LATTICE = Lattice(3)
@@ -41,8 +40,7 @@ def data(cells: np.ndarray, time: float) -> dict[str, np.ndarray]:
 
 
 def write(directory: Path, comm: MPI.Comm, cells: np.ndarray, times: list[float]) -> FieldSeries:
-    triangles = LATTICE.connectivity(len(cells))
-    series = FieldSeries(directory, comm, points(cells), triangles, cells, UNITS)
+    series = FieldSeries(directory, comm, LATTICE, points(cells), cells, UNITS)
     for step, time in enumerate(times):
         series.write(step, time, data(cells, time))
     return series
@@ -157,12 +155,14 @@ def test_the_times_must_grow(tmp_path: Path) -> None:
         series.write(2, 0.5, data(np.arange(CELLS), 0.5))
 
 
-def test_a_triangle_across_two_blocks_is_refused(tmp_path: Path) -> None:
-    cells = np.arange(2)
-    triangles = LATTICE.connectivity(2)
-    triangles[0, 0] = len(LATTICE.points)
-    with pytest.raises(ValueError, match="leaves its cell"):
-        FieldSeries(tmp_path, MPI.COMM_SELF, points(cells), triangles, cells, UNITS)
+@pytest.mark.parametrize(
+    ("bad", "message"), [(points(np.arange(3)), "shape"), (np.full((20, 2), np.nan), "not finite")]
+)
+def test_points_that_are_not_those_of_the_cells_are_refused(
+    tmp_path: Path, bad: np.ndarray, message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        FieldSeries(tmp_path, MPI.COMM_SELF, LATTICE, bad, np.arange(2), UNITS)
 
 
 def test_a_run_without_fields_says_so(tmp_path: Path) -> None:

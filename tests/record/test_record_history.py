@@ -6,37 +6,58 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from wovenfab.record.history import History, StepRecord, read_history, read_reactions
+from wovenfab.record.history import (
+    ERRORS,
+    REACTIONS,
+    History,
+    HistoryRows,
+    index_of_peak,
+    peak_force,
+    read_history,
+)
+from wovenfab.stepping.step import Step
 
-FIRST = StepRecord(
-    step=0,
+FIRST = Step(
+    number=0,
     time=0.0,
     displacement=0.0,
-    force=0.0,
-    force_transverse=0.0,
+    reactions={"left": (0.0, 0.0), "right": (0.0, 0.0)},
     stored={"stretch": 0.5, "bending": 0.25},
     dissipated={"slip_friction": 0.0},
     work=0.0,
     iterations=0,
-    reactions={"left": (0.0, 0.0), "right": (0.0, 0.0)},
+    cutbacks=0,
+    milestone=None,
 )
-SECOND = StepRecord(
-    step=1,
+SECOND = replace(
+    FIRST,
+    number=1,
     time=1 / 3,
     displacement=1e-3 * pi,
-    force=np.float64(2 / 7),
-    force_transverse=-1e-17,
+    reactions={"left": (-2 / 7, 0.1), "right": (2 / 7, -0.1)},
     stored={"bending": 1.25, "stretch": 1.5},
     dissipated={"slip_friction": 0.125},
     work=4.0,
     iterations=5,
-    reactions={"left": (-2 / 7, 0.1), "right": (2 / 7, -0.1)},
     negatives=2,
+    force=np.float64(2 / 7),
+    force_transverse=-1e-17,
 )
 
 
-def start(directory: Path) -> History:
-    return History(directory, ["stretch", "bending"], ["slip_friction"], ["left", "right"])
+def start(directory: Path, errors: bool = False) -> History:
+    edges = ["left", "right"]
+    rows = HistoryRows(["stretch", "bending"], ["slip_friction"], edges, errors)
+    return History(directory, rows)
+
+
+@pytest.fixture
+def both(tmp_path: Path) -> Path:
+    """A directory with the history of both steps."""
+    with start(tmp_path) as history:
+        history.append(FIRST)
+        history.append(SECOND)
+    return tmp_path
 
 
 def test_the_columns_are_the_promised_ones(tmp_path: Path) -> None:
@@ -52,16 +73,14 @@ def test_the_columns_are_the_promised_ones(tmp_path: Path) -> None:
 
 
 def test_dissipated_energy_has_its_column_without_dissipative_effects(tmp_path: Path) -> None:
-    with History(tmp_path, ["stretch"], [], []) as history:
-        history.append(replace(FIRST, stored={"stretch": 1.0}, dissipated={}, reactions={}))
+    with History(tmp_path, HistoryRows(["stretch"], [], [])) as history:
+        step = replace(FIRST, stored={"stretch": 1.0}, dissipated={}, reactions={})
+        history.append(step)
     assert read_history(tmp_path)["dissipated_J"].tolist() == [0.0]
 
 
-def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
-    with start(tmp_path) as history:
-        history.append(FIRST)
-        history.append(SECOND)
-    table, reactions = read_history(tmp_path), read_reactions(tmp_path)
+def test_numbers_come_back_to_the_last_bit(both: Path) -> None:
+    table, reactions = read_history(both), read_history(both, REACTIONS)
     assert table["time_s"][1] == SECOND.time
     assert table["displacement_m"][1] == SECOND.displacement
     assert table["force_N"][1] == SECOND.force
@@ -75,11 +94,8 @@ def test_numbers_come_back_to_the_last_bit(tmp_path: Path) -> None:
     ]
 
 
-def test_totals_and_imbalance_follow_from_the_rows(tmp_path: Path) -> None:
-    with start(tmp_path) as history:
-        history.append(FIRST)
-        history.append(SECOND)
-    table = read_history(tmp_path)
+def test_totals_and_imbalance_follow_from_the_rows(both: Path) -> None:
+    table = read_history(both)
     assert table["energy_J"].tolist() == [0.75, 2.75]
     assert table["dissipated_J"].tolist() == [0.0, 0.125]
     assert table["imbalance_J"].tolist() == [0.0, 4.0 - 2.0 - 0.125]
@@ -89,14 +105,14 @@ def test_a_row_is_on_disk_before_the_next_one(tmp_path: Path) -> None:
     history = start(tmp_path)
     history.append(FIRST)
     assert len(read_history(tmp_path)["step"]) == 1
-    assert len(read_reactions(tmp_path)["step"]) == 1
+    assert len(read_history(tmp_path, REACTIONS)["step"]) == 1
     history.close()
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        {"force": nan},
+        {"displacement": nan},
         {"work": inf},
         {"stored": {"stretch": 1.0, "bending": -inf}},
         {"reactions": {"left": (0.0, nan), "right": (0.0, 0.0)}},
@@ -107,9 +123,11 @@ def test_numbers_that_are_not_finite_reach_no_file(tmp_path: Path, change: dict)
         history.append(FIRST)
         with pytest.raises(ValueError, match="not finite"):
             history.append(replace(SECOND, **change))
+        with pytest.raises(ValueError, match="not finite"):
+            history.append(replace(SECOND, force=nan))
         history.append(SECOND)
     assert read_history(tmp_path)["step"].tolist() == [0, 1]
-    assert read_reactions(tmp_path)["step"].tolist() == [0, 1]
+    assert read_history(tmp_path, REACTIONS)["step"].tolist() == [0, 1]
 
 
 @pytest.mark.parametrize(
@@ -120,6 +138,24 @@ def test_other_effects_or_edges_than_announced_are_refused(tmp_path: Path, chang
         history.append(replace(FIRST, **change))
 
 
+def test_errors_of_steps_have_columns_where_they_are_announced(tmp_path: Path) -> None:
+    with start(tmp_path, errors=True) as history:
+        history.append(replace(FIRST, force_error=0.5, dissipated_error=-0.25))
+    table = read_history(tmp_path)
+    assert [float(table[name][0]) for name in ERRORS] == [0.5, -0.25]
+
+
+@pytest.mark.parametrize(
+    ("forces", "peak"),
+    [([0.0, 2.0, 1.0], 2.0), ([0.0, 2.0, -3.0], -3.0), ([0.0, -2.0, 2.0], -2.0)],
+)
+def test_the_peak_is_the_recorded_force_of_largest_size_with_its_sign(
+    forces: list[float], peak: float
+) -> None:
+    assert peak_force(forces) == peak_force(np.array(forces)) == peak
+    assert forces[index_of_peak(forces)] == peak
+
+
 def test_a_step_is_not_written_twice(tmp_path: Path) -> None:
     with start(tmp_path) as history:
         history.append(FIRST)
@@ -127,13 +163,10 @@ def test_a_step_is_not_written_twice(tmp_path: Path) -> None:
             history.append(FIRST)
 
 
-def test_a_row_that_a_killed_run_left_unfinished_is_dropped(tmp_path: Path) -> None:
-    with start(tmp_path) as history:
-        history.append(FIRST)
-        history.append(SECOND)
-    path = tmp_path / "history.csv"
+def test_a_row_that_a_killed_run_left_unfinished_is_dropped(both: Path) -> None:
+    path = both / "history.csv"
     path.write_text(path.read_text()[:-7])
-    assert read_history(tmp_path)["step"].tolist() == [0]
+    assert read_history(both)["step"].tolist() == [0]
 
 
 def test_a_history_without_rows_has_empty_columns(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
@@ -20,9 +21,10 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
 from wovenfab.record.fields import FieldSeries, Lattice
-from wovenfab.record.history import History, StepRecord, read_history
+from wovenfab.record.history import History, HistoryRows, read_history
 from wovenfab.record.results import open_results
 from wovenfab.record.summary import summarise, write_summary
+from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]
 LENGTH, WIDTH, SLIP, ROUNDING = 0.9, 0.3, 2e-3, 0.02
@@ -130,21 +132,21 @@ def mesh(size: float = 0.05) -> Array:
     return np.array(cells)
 
 
-def cycles(amplitudes: list[float], speed: float = 0.5, steps: int = 80) -> tuple[Array, ...]:
+def cycles(amplitudes: list[float], speed: float = 0.5, count: int = 80) -> tuple[Array, ...]:
     """Return time, displacement and its rate of growing cycles, and the cycles' bounds."""
     periods = np.pi * np.array(amplitudes) / speed
     bounds = np.concatenate([[0], np.cumsum(periods)])
     time, u, rate = [np.zeros(1)], [np.zeros(1)], [np.zeros(1)]
     for start, period, amplitude in zip(bounds, periods, amplitudes, strict=False):
-        phase = 2 * np.pi * np.arange(1, steps + 1) / steps
+        phase = 2 * np.pi * np.arange(1, count + 1) / count
         time.append(start + period * phase / (2 * np.pi))
         u.append(amplitude / 2 * (1 - np.cos(phase)))
         rate.append(speed * np.sin(phase))
     return np.concatenate(time), np.concatenate(u), np.concatenate(rate), bounds
 
 
-def rows(time: Array, u: Array, rate: Array) -> list[StepRecord]:
-    """Return the history of a hardening spring beside a rounded friction slider."""
+def steps(time: Array, u: Array, rate: Array) -> list[tuple[Step, float]]:
+    """Return the steps of a hardening spring beside a rounded slider, with their force (N)."""
 
     def integral(force: Array) -> Array:
         return np.concatenate([[0], np.cumsum(np.diff(u) * (force[1:] + force[:-1]) / 2)])
@@ -153,17 +155,20 @@ def rows(time: Array, u: Array, rate: Array) -> list[StepRecord]:
     force = 4e3 * u + 3e6 * u**3 + friction
     work, lost = integral(force), integral(friction)
     return [
-        StepRecord(
-            step=i,
-            time=time[i],
-            displacement=u[i],
-            force=force[i],
-            force_transverse=0.0,
-            stored={"stretch": work[i] - lost[i]},
-            dissipated={"slip_friction": lost[i]},
-            work=work[i],
-            iterations=4,
-            reactions={"left": (-force[i], 0.0), "right": (force[i], 0.0)},
+        (
+            Step(
+                number=i,
+                time=time[i],
+                displacement=u[i],
+                reactions={"left": (-force[i], 0.0), "right": (force[i], 0.0)},
+                stored={"stretch": work[i] - lost[i]},
+                dissipated={"slip_friction": lost[i]},
+                work=work[i],
+                iterations=4,
+                cutbacks=0,
+                milestone=None,
+            ),
+            force[i],
         )
         for i in range(len(time))
     ]
@@ -198,14 +203,15 @@ def make(
     side = np.array([np.sign(centres[:, 1] - centres[:, 0]), np.sign(WIDTH - centres.sum(axis=1))])
     cells = np.arange(len(corners))
     units = UNITS if placements == 2 else SINGLE
-    series = FieldSeries(directory, comm, points, lattice.connectivity(len(cells)), cells, units)
-    with History(directory, ["stretch"], ["slip_friction"], ["left", "right"], comm) as history:
-        for row in rows(time, u, rate)[:stop]:
-            history.append(row)
-            if row.step % every == 0:
-                found = fields(points, side, row.displacement)
-                found["displacement"] = (found["displacement_1"] + found["displacement_2"]) / 2
-                series.write(row.step, row.time, {name: found[name] for name in units})
+    series = FieldSeries(directory, comm, lattice, points, cells, units)
+    rows = HistoryRows(["stretch"], ["slip_friction"], ["left", "right"])
+    with History(directory, rows, comm) as history:
+        for step, force in steps(time, u, rate)[:stop]:
+            history.append(replace(step, force=force))
+            if step.number % every == 0:
+                values = fields(points, side, step.displacement)
+                values["displacement"] = (values["displacement_1"] + values["displacement_2"]) / 2
+                series.write(step.number, step.time, {name: values[name] for name in units})
     summary = summarise(
         read_history(directory),
         list(pairwise(bounds)),

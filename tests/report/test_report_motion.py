@@ -12,14 +12,12 @@ from PIL import Image
 from tests.report.sample import FIBRES, LENGTH, WIDTH, make
 from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import polylines
+from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import read_fields
 from wovenfab.report.animation import PIXELS, animate
-from wovenfab.report.metadata import read_stamp
 from wovenfab.report.run_data import open_run_data
-from wovenfab.report.style import house_style
-from wovenfab.report.viewer import SCRIPT, write_viewer
-from wovenfab.report.yarns import write_yarns
+from wovenfab.report.style import house_style, read_provenance
+from wovenfab.report.yarns import SCRIPT, write_viewer, write_yarns
 
 ORIGIN = Provenance("wovenfab run a.yaml", "0123456789ab")
 
@@ -113,7 +111,7 @@ def test_the_last_cycle_moves_at_the_pace_of_its_times(run: Path, tmp_path: Path
     source, stored = open_run_data(run), read_fields(run)
     with house_style():
         path = animate(source, stored, tmp_path / "a.gif", ORIGIN)
-    assert read_stamp(path) == ORIGIN
+    assert read_provenance(path) == ORIGIN
     times = stored.times[(stored.steps >= 80) & (stored.steps <= 160)]
     with Image.open(path) as picture:
         assert picture.width == PIXELS

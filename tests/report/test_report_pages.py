@@ -12,16 +12,13 @@ from mpi4py import MPI
 from tests.report.sample import CASE, make
 from wovenfab.cli.report import report_results
 from wovenfab.record.bias_extension import BiasExtension
-from wovenfab.record.cycle_table import read_cycles, write_cycles
 from wovenfab.record.field_file import FieldFile, triangles
+from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import Provenance
-from wovenfab.record.stored_fields import read_fields
-from wovenfab.record.summary import read_summary, write_summary
-from wovenfab.report.pages.blocks import Table, Text, section, write_page
-from wovenfab.report.pages.comparison import default_place, flat, labels, write_comparison
-from wovenfab.report.pages.run_page import write_run_page
-from wovenfab.report.pages.tables import cycle_table
+from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
+from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
+from wovenfab.report.pages import default_place, flat, labels, write_comparison, write_run_page
 from wovenfab.report.run_data import open_run_data
 
 

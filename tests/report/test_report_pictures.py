@@ -7,14 +7,12 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from tests.report.sample import make
-from wovenfab.record.fields import FieldSeries
+from wovenfab.record.fields import FieldSeries, Lattice, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.stored_fields import read_fields
-from wovenfab.report.deformed import deformed
-from wovenfab.report.loop import loop
-from wovenfab.report.mode import SHOWN, mode
+from wovenfab.report.curves import loop
 from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
+from wovenfab.report.sheet import MODE_SIZE, deformed, mode
 from wovenfab.report.style import readable
 
 
@@ -149,12 +147,9 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     points, row = stored.points(), 3
     wave = np.sin(np.pi * points[:, 0] / np.ptp(points[:, 0]))
     parts = np.column_stack([np.zeros_like(wave), wave])
-    lattice = stored.triangles()
     cells = np.arange(len(points) // 10)
-    inside = lattice - 10 * (lattice // 10)
-    triangles = inside + 10 * np.repeat(cells, len(lattice) // len(cells))[:, None]
     units = {"displacement": "m", "mode": "1"}
-    series = FieldSeries(small, MPI.COMM_SELF, points, triangles, cells, units, "mode")
+    series = FieldSeries(small, MPI.COMM_SELF, Lattice(3), points, cells, units, "mode")
     series.write(0, history["time_s"][row], {"displacement": 0 * parts, "mode": parts})
     drawn = draw(small)
     assert [path.name for path in drawn][-1] == "mode.png"
@@ -164,4 +159,4 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     assert f"{history['force_N'][row]:.4g} N" in said
     triangulation = axes.collections[0].get_datalim(axes.transData)
     width = 1e3 * np.ptp(points[:, 1])
-    assert triangulation.height == pytest.approx(width + 1e3 * SHOWN * 0.9, rel=0.05)
+    assert triangulation.height == pytest.approx(width + 1e3 * MODE_SIZE * 0.9, rel=0.05)

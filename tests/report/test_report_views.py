@@ -1,6 +1,6 @@
 """Which times, scales and cells the pictures of a page show."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,14 +8,11 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.report.sample import make, mesh
-from wovenfab.record.fields import Lattice
-from wovenfab.record.stored_fields import StoredFields, read_fields
-from wovenfab.report.curves import energies, losses, parts, solver
-from wovenfab.report.field_styles import scale_of, telling_field
-from wovenfab.report.mesh import corners
-from wovenfab.report.overlays import cycle_figures, loops
+from wovenfab.record.fields import Lattice, StoredFields, read_fields
+from wovenfab.report.curves import cycle_figures, energies, loops, losses, parts, solver
 from wovenfab.report.run_data import key_times, largest, open_run_data
-from wovenfab.report.style import house_style
+from wovenfab.report.sheet import corners
+from wovenfab.report.style import house_style, main_field, scale_of
 
 
 def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
@@ -106,7 +103,7 @@ def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
     none = np.zeros(0)
     units = {name: "m" if name == "beta" else "1" for name in values}
     stub = Stub(Path(), none.astype(np.int64), none, units, values)
-    assert telling_field(stub, 0) == told
+    assert main_field(stub, 0) == told
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
@@ -151,8 +148,9 @@ def test_energies_show_each_effect_and_their_sum(two: Path) -> None:
 
 def test_the_solver_shows_every_step(small: Path) -> None:
     source = open_run_data(small)
+    source = replace(source, summary={"wall_time_s": {"steps": 9.0, "mesh": 0.001}})
     with house_style():
-        iterations, length, phases = solver(source, {"steps": 9.0, "mesh": 0.001}).axes
+        iterations, length, phases = solver(source).axes
     assert len(iterations.lines[0].get_xdata()) == 80
     np.testing.assert_allclose(
         length.lines[0].get_ydata() * 1e-3, np.diff(source.history["time_s"])

@@ -14,10 +14,11 @@ from mpi4py import MPI
 
 import forms
 from forms.catalogue import effects
-from wovenfab.case import CaseError, effects_page, json_schema, read_case
+from wovenfab.case import CaseError, json_schema, read_case
+from wovenfab.case.reference import effects_page
 from wovenfab.cli.check import describe
+from wovenfab.record.fields import read_fields
 from wovenfab.record.results import open_results
-from wovenfab.record.stored_fields import read_fields
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Stopwatch
 from wovenfab.simulation.run import run

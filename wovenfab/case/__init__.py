@@ -1,21 +1,26 @@
-"""From a case file to a frozen, validated case in SI units."""
+"""From a case file, or from Python, to a frozen, validated case in SI units."""
 
-from .boundary import Boundary, EdgeCondition, conditions_of
-from .component import Component
-from .expression import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
-from .files import Samples
-from .own_trial import blame_own
-from .problems import CaseError, Problem
-from .program import Cycles, Hold, Ramp, Segment, Table
-from .published import published_schema
-from .read import case_data, dump_case, json_schema, problem_at, read_case
-from .reference import effects_page
-from .scene import SceneEffect, Value
-from .schema import Case, Discretisation, Output, Solver, Time
-from .sheet import Rectangle, SheetFile
+from wovenfab.case.boundary import Boundary, Component, EdgeCondition, conditions_of
+from wovenfab.case.case import Case, json_schema, read_case
+from wovenfab.case.custom_effects import custom_effect_errors
+from wovenfab.case.document import (
+    Document,
+    Place,
+    existing_file,
+    folder_of,
+    parse_document,
+    read_document,
+)
+from wovenfab.case.effects import SceneEffect, Value, acting
+from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
+from wovenfab.case.formula import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
+from wovenfab.case.program import Cycles, Hold, Ramp, Samples, Segment, Table
+from wovenfab.case.quantities import OneOr, Section
+from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Solver, Time
 
 __all__ = [
     "NUMPY_FUNCTIONS",
+    "OVERRIDE",
     "REQUIRED_FUNCTIONS",
     "Boundary",
     "Case",
@@ -23,28 +28,34 @@ __all__ = [
     "Component",
     "Cycles",
     "Discretisation",
+    "Document",
     "EdgeCondition",
     "Expression",
     "Hold",
+    "OneOr",
     "Output",
+    "Place",
     "Problem",
     "Ramp",
     "Rectangle",
     "Samples",
     "SceneEffect",
+    "Section",
     "Segment",
     "SheetFile",
     "Solver",
     "Table",
     "Time",
     "Value",
-    "blame_own",
-    "case_data",
+    "acting",
     "conditions_of",
-    "dump_case",
-    "effects_page",
+    "custom_effect_errors",
+    "existing_file",
+    "folder_of",
     "json_schema",
-    "problem_at",
-    "published_schema",
+    "parse_document",
+    "problems_in",
     "read_case",
+    "read_document",
+    "refusal",
 ]

@@ -1,31 +1,98 @@
-"""What is done to the edges of the sheet."""
+"""What is prescribed on the edges of the sheet, and what that leaves free."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
+import numpy as np
+import numpy.typing as npt
 from pydantic import (
     AfterValidator,
     BeforeValidator,
     Field,
     GetJsonSchemaHandler,
     PlainSerializer,
+    PlainValidator,
     WithJsonSchema,
     model_serializer,
     model_validator,
 )
 from pydantic_core import core_schema
 
-from .component import FREE, AnyComponent, write_component
-from .expression import Expression
-from .formula import VARIABLES
-from .problems import describe, near_miss, one_of, wrong
-from .scene import Value
-from .values import OneOr, Section, hide_default
-from .varying import Varying
+from wovenfab.case.effects import Value
+from wovenfab.case.errors import describe, near_miss, one_of, wrong
+from wovenfab.case.formula import VARIABLES, Expression
+from wovenfab.case.quantities import OneOr, Quantity, Section, hide_default
+from wovenfab.case.units import write
 
-_LOAD = Varying(unit="N/m", variables=VARIABLES)
+_LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
+_FACTORS = {"program": 1.0, "-program": -1.0}
+
+
+@dataclass(frozen=True)
+class Component:
+    """Factor times program + offset, or a formula of x, y and the program.
+
+    Attributes:
+        held: False where the edge moves freely; the rest then means nothing.
+        factor: Multiple of the program's displacement.
+        offset: Constant displacement, m.
+        expression: The displacement (m), in place of factor and offset.
+    """
+
+    held: bool = True
+    factor: float = 0.0
+    offset: float = 0.0
+    expression: Expression | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether the program moves it."""
+        if self.expression is not None:
+            return "program" in self.expression.variables
+        return self.factor != 0
+
+    def at(self, x: Any, y: Any, program: Any) -> Any:
+        """Return the displacement (m) at points (m, arrays) for a program (m)."""
+        if self.expression is None:
+            return self.factor * program + self.offset + np.zeros_like(x)
+        return self.expression.at(x, y, program)
+
+
+FREE = Component(held=False)
+
+
+def _read(value: Any) -> Component:
+    given = _LENGTH.read(value)
+    if isinstance(given, Expression):
+        return Component(expression=given)
+    if given == "free":
+        return FREE
+    if isinstance(given, str):
+        return Component(factor=_FACTORS[given])
+    return Component(offset=given)
+
+
+def write_component(component: Component) -> str | float:
+    """Return a component as it is written in a case."""
+    if not component.held:
+        return "free"
+    if component.expression is not None:
+        return component.expression.text
+    words = [word for word, factor in _FACTORS.items() if factor == component.factor]
+    return words[0] if words else write(component.offset, "m")
+
+
+AnyComponent = Annotated[
+    Component,
+    PlainValidator(_read, json_schema_input_type=Annotated[float, _LENGTH]),
+    PlainSerializer(write_component, when_used="json"),
+]
+
+
+_LOAD = Quantity(unit="N/m", variables=VARIABLES)
 _ROTATIONS = ("free", "held")
 _CLAMPS = ("placement", "rotation")
 BOTH = (1, 2)
@@ -150,18 +217,18 @@ class EdgeCondition(Section):
         cls, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         """Offer the short forms, too."""
-        own = handler.resolve_ref_schema(handler(schema))
+        spelt_out = handler.resolve_ref_schema(handler(schema))
         clamp = {
             "type": "object",
             "properties": {
                 "clamp": {"enum": list(_CLAMPS), "description": "What is held."},
-                "family": own["properties"]["family"],
+                "family": spelt_out["properties"]["family"],
             },
             "required": ["clamp"],
             "additionalProperties": False,
         }
-        told = own.pop("description")
-        return {"anyOf": [{"const": "clamp"}, clamp, own], "description": told}
+        description = spelt_out.pop("description")
+        return {"anyOf": [{"const": "clamp"}, clamp, spelt_out], "description": description}
 
 
 def _apart(conditions: tuple[EdgeCondition, ...]) -> tuple[EdgeCondition, ...]:
@@ -195,3 +262,63 @@ def conditions_of(boundary: Boundary) -> Iterator[tuple[str, int, EdgeCondition]
     for name, conditions in boundary.items():
         for i, condition in enumerate(conditions):
             yield name, i, condition
+
+
+Array = npt.NDArray[np.float64]
+
+#: End points of the edges of a rectangle, in units of its sides.
+EDGES = {
+    "left": ((0, 0), (0, 1)),
+    "right": ((1, 0), (1, 1)),
+    "bottom": ((0, 0), (1, 0)),
+    "top": ((0, 1), (1, 1)),
+}
+
+
+def free_motion(
+    sides: tuple[float, float],
+    fibres: tuple[float, float],
+    boundary: Boundary,
+    shear_resisted: bool,
+) -> str | None:
+    """Return in words how the sheet can move at no cost, or None if it cannot.
+
+    Args:
+        sides: Length and width, m.
+        fibres: Angles of the families, rad.
+        boundary: Conditions on the edges of the rectangle. Two placements are tied, so
+            that what holds one of them holds both.
+        shear_resisted: Whether an effect resists shear. If not, the fibres may also
+            turn independently of each other, each family as one.
+    """
+    directions = np.array([[np.cos(a), np.sin(a)] for a in fibres])
+    names, gradients = zip(*_gradients(directions, shear_resisted), strict=True)
+    size = max(sides)
+    rows: list[Array] = []
+    for edge, _, condition in conditions_of(boundary):
+        for corner in EDGES[edge]:
+            point = np.array(corner) * np.array(sides) / size
+            moved = np.column_stack([np.eye(2), *(g @ point for g in gradients)])
+            rows += [moved[i] for i in (0, 1) if condition.components[i].held]
+        for d in directions[[f - 1 for f in condition.families]] if condition.rotation else ():
+            across = np.array([-d[1], d[0]])
+            rows.append(np.array([0.0, 0.0, *(across @ g @ d for g in gradients)]))
+    constraints = np.array(rows).reshape(-1, 2 + len(gradients))
+    free = [
+        name
+        for name, column in zip(("move along x", "move along y"), constraints.T, strict=False)
+        if not column.any()
+    ]
+    if free:
+        return free[0]
+    rank = int(np.linalg.matrix_rank(constraints, tol=1e-9))
+    return None if rank == constraints.shape[1] else names[0]
+
+
+def _gradients(directions: Array, shear_resisted: bool) -> list[tuple[str, Array]]:
+    """Return the displacement gradients that keep the fibres straight and their length."""
+    inverse = np.linalg.inv(directions)
+    turns = [inverse @ np.array(m, float) @ inverse.T for m in ([[0, 1], [0, 0]], [[0, 0], [1, 0]])]
+    if shear_resisted:
+        return [("turn as a whole", turns[0] - turns[1])]
+    return [("turn as a whole or shear uniformly", turn) for turn in turns]

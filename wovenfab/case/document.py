@@ -1,18 +1,79 @@
-"""YAML text to plain data that remembers where each value was written."""
+"""YAML files to plain data that keeps the place of each value."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
-from pathlib import Path as FilePath
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
+from pydantic import ValidationInfo
+from pydantic_core import PydanticCustomError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
-from .files import FILE, FileName
-from .problems import CaseError, Path, Problem, dotted, refusal
+from wovenfab.case.errors import (
+    OVERRIDE,
+    CaseError,
+    KeyPath,
+    Problem,
+    describe,
+    dotted,
+    near_miss,
+    one_of,
+    refusal,
+    wrong,
+)
+
+#: Key of a value that names a file, wherever it stands in a case.
+FILE = "file"
+#: Key that chooses among the laws of an effect.
+LAW = "law"
+
+
+class FileName(str):
+    """The name of a file, which remembers the folder of the file in which it stands."""
+
+    folder: Path
+
+    def __new__(cls, text: str, folder: Path) -> FileName:
+        """Keep the folder beside the text."""
+        name = super().__new__(cls, text)
+        name.folder = folder
+        return name
+
+    def __getnewargs__(self) -> tuple[str, Path]:  # type: ignore[override]
+        """Return what a copy in another process is made of."""
+        return str(self), self.folder
+
+
+def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
+    """Return the absolute path of a file that a case names.
+
+    Args:
+        value: The text in the case.
+        folder: Where the case lies, for a name that does not know its own folder.
+        suffixes: Allowed ends of the name.
+    """
+    folder = value.folder if isinstance(value, FileName) else folder
+    if not isinstance(value, str) or not value:
+        raise wrong(f"expected the name of a file, got {describe(value)}")
+    if Path(value).suffix not in suffixes:
+        raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
+    with suppress(OSError, ValueError):  # such as a name that is too long
+        path = (folder / value).resolve()
+        if path.is_file():
+            return path
+    raise wrong(f"there is no file {describe(value)}", "Names are relative to the case file.")
+
+
+def folder_of(info: ValidationInfo) -> Path:
+    """Return where the case lies that is being read, or the current folder."""
+    folder: Path = (info.context or {}).get("folder", Path())
+    return folder
+
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST = 20
@@ -45,9 +106,9 @@ class Document:
 
     data: Any
     file: str
-    places: Mapping[Path, Place]
+    places: Mapping[KeyPath, Place]
 
-    def locate(self, location: Path, missing: bool = False) -> Path:
+    def locate(self, location: KeyPath, missing: bool = False) -> KeyPath:
         """Return the path in the data of a place in the case.
 
         The place may also name which form of a section was meant (``"cycles"``) and
@@ -67,7 +128,7 @@ class Document:
             path.append(part)
         return tuple(path)
 
-    def problem(self, path: Path, message: str, remedy: str = "") -> Problem:
+    def problem(self, path: KeyPath, message: str, remedy: str = "") -> Problem:
         """Return the problem of the value at ``path``, or of what should hold it."""
         holders = (path[:n] for n in range(len(path), -1, -1))
         known = next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
@@ -79,7 +140,7 @@ class Document:
         return sorted(problems, key=lambda p: (files.index(p.file), p.line) if p.line else (-1, 0))
 
 
-def read_document(path: FilePath) -> Document:
+def read_document(path: Path) -> Document:
     """Return the contents of a YAML file.
 
     Raises:
@@ -88,7 +149,7 @@ def read_document(path: FilePath) -> Document:
     return parse_document(_text_of(path), str(path), path.parent)
 
 
-def parse_document(text: str, file: str, folder: FilePath | None = None) -> Document:
+def parse_document(text: str, file: str, folder: Path | None = None) -> Document:
     """Return what YAML text says, as :func:`read_document` does.
 
     Args:
@@ -100,8 +161,8 @@ def parse_document(text: str, file: str, folder: FilePath | None = None) -> Docu
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
-        said = ", ".join(filter(None, (error.context, error.problem)))
-        raise refusal(file, f"this is not valid YAML: {said}", "", line) from error
+        problem = ", ".join(filter(None, (error.context, error.problem)))
+        raise refusal(file, f"this is not valid YAML: {problem}", "", line) from error
     except YAMLError as error:
         raise refusal(file, "this is not text: it has control characters in it") from error
     except RecursionError as error:
@@ -121,7 +182,7 @@ def _holds(data: Any, part: str | int) -> bool:
     return isinstance(data, dict) and part in data
 
 
-def _text_of(path: FilePath) -> str:
+def _text_of(path: Path) -> str:
     try:
         if path.is_dir():
             raise refusal(str(path), "this is a folder", "Name the case file in it.")
@@ -143,13 +204,13 @@ def _text_of(path: FilePath) -> str:
 class _Reader:
     """Walks the nodes of one document."""
 
-    def __init__(self, file: str, folder: FilePath | None) -> None:
+    def __init__(self, file: str, folder: Path | None) -> None:
         self.file, self.folder = file, folder
         self.scalar = YAML(typ="safe", pure=True).constructor.construct_object
-        self.lines: dict[Path, int] = {}
+        self.lines: dict[KeyPath, int] = {}
         self.problems: list[Problem] = []
 
-    def read(self, node: Any, path: Path) -> Any:
+    def read(self, node: Any, path: KeyPath) -> Any:
         line = node.start_mark.line + 1
         self.lines.setdefault(path, line)
         # An alias is read where it stands, and may even lead back to itself.
@@ -173,7 +234,7 @@ class _Reader:
         self._problem(line, path, f"YAML tags such as {node.tag!r} mean nothing here")
         return None
 
-    def _pairs(self, node: Any, path: Path) -> Iterator[tuple[str, Any]]:
+    def _pairs(self, node: Any, path: KeyPath) -> Iterator[tuple[str, Any]]:
         first: dict[str, int] = {}
         for key, value in node.value:
             line = key.start_mark.line + 1
@@ -188,5 +249,145 @@ class _Reader:
             self.lines[here] = line
             yield key.value, self.read(value, here)
 
-    def _problem(self, line: int, path: Path, message: str) -> None:
+    def _problem(self, line: int, path: KeyPath, message: str) -> None:
         self.problems.append(Problem(self.file, line, dotted(path), message))
+
+
+FROM = "from"
+#: The key that says what kind of mapping it is; another kind takes nothing over.
+_KINDS = ("type", LAW)
+_ABSENT = "there is nothing here to take out"
+
+
+def resolved_document(path: Path) -> Document:
+    """Return the contents of a case file with all that it takes over from others.
+
+    Mappings are merged key by key, everything else is replaced, and null takes a key out.
+
+    Raises:
+        CaseError: A file cannot be read, or what they say does not fit together.
+    """
+    return _resolved(path, ())
+
+
+def _resolved(path: Path, below: tuple[Path, ...]) -> Document:
+    document = read_document(path)
+    if not isinstance(document.data, dict) or FROM not in document.data:
+        return document
+    base_path = _base_of(document, path, (*below, path.resolve()))
+    upper = {key: value for key, value in document.data.items() if key != FROM}
+    base = _resolved(base_path, (*below, path.resolve()))
+    return _merged(base, replace(document, data=upper))
+
+
+def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
+    """Return the file that a document starts from; ``known`` are those that may not return."""
+    given = document.data[FROM]
+    try:
+        base = existing_file(given, path.parent, (".yaml", ".yml"))
+    except PydanticCustomError as error:
+        text = error.context or {}
+        problem = document.problem((FROM,), text["message"], text["remedy"])
+        raise CaseError([problem]) from error
+    if base in known:
+        loop = " from ".join(file.name for file in (*known[known.index(base) :], base))
+        raise CaseError([document.problem((FROM,), f"this goes round in a circle: {loop}")])
+    return path.parent / str(given)
+
+
+def _merged(base: Document, upper: Document) -> Document:
+    """Return ``upper`` laid over ``base``."""
+    if not isinstance(base.data, dict):
+        raise CaseError([base.problem((), "expected keys with values")])
+    changes = list(_changes(base.data, upper.data))
+    if absent := [c for c in changes if c[1] is None and c[0][-1] not in c[2]]:
+        raise CaseError(
+            upper.problem(p, _ABSENT, near_miss(p[-1], known)) for p, _, known in absent
+        )
+    gone = {path for path, *_ in changes}
+    kept = {
+        path: place
+        for path, place in base.places.items()
+        if path not in upper.places and not any(path[:n] in gone for n in range(len(path)))
+    }
+    return replace(upper, data=_laid_over(base.data, upper.data), places={**upper.places, **kept})
+
+
+def _changes(
+    base: Mapping[str, Any], upper: Mapping[str, Any], above: KeyPath = ()
+) -> Iterator[tuple[KeyPath, Any, Mapping[str, Any]]]:
+    """Yield what a mapping changes in the one below it: where, the new value, the old mapping."""
+    for key, new in upper.items():
+        if _merge(base.get(key), new):
+            yield from _changes(base[key], new, (*above, key))
+        else:
+            yield (*above, key), new, base
+
+
+def _laid_over(base: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping with what another one changes in it."""
+    new = {k: _laid_over(base[k], v) if _merge(base.get(k), v) else v for k, v in upper.items()}
+    return {k: v for k, v in {**base, **new}.items() if k not in upper or v is not None}
+
+
+def _merge(base: Any, upper: Any) -> bool:
+    """Return whether a value is merged with the one below it, rather than put in its place."""
+    if not isinstance(base, dict) or not isinstance(upper, dict):
+        return False
+    return all(upper.get(kind, base.get(kind)) == base.get(kind) for kind in _KINDS)
+
+
+def key_path(key: str) -> KeyPath:
+    """Return the path of a dotted key."""
+    return tuple(int(k) if k.isdecimal() else k for k in key.strip().split("."))
+
+
+def override(document: Document, text: str) -> Document:
+    """Return the document with one value replaced.
+
+    Args:
+        document: What to change; it stays as it is.
+        text: ``dotted.key=value``, the value in YAML; ``null`` takes the key out.
+
+    Raises:
+        CaseError: The text is malformed, or the key leads through a plain value.
+    """
+    key, equals, value = text.partition("=")
+    path = key_path(key)
+    if not equals or "" in path:
+        raise refusal(
+            OVERRIDE,
+            f"expected 'key=value', got {text!r}",
+            "For example --set time.steps_per_cycle=160.",
+        )
+    try:
+        given = parse_document(value if value.strip() else "null", OVERRIDE)
+    except CaseError as error:
+        raise CaseError(replace(p, line=None, key=key.strip()) for p in error.problems) from error
+    data = _with(document.data, path, given.data)
+    places = {p: at for p, at in document.places.items() if p[: len(path)] != path}
+    paths = [path[:n] for n in range(1, len(path))] + [path + p for p in given.places]
+    return replace(document, data=data, places=dict.fromkeys(paths, Place(OVERRIDE, None)) | places)
+
+
+def _with(data: Any, path: KeyPath, value: Any, above: KeyPath = ()) -> Any:
+    """Return ``data`` with the value at ``path`` below ``above`` replaced, taken out if None."""
+    first, *rest = path
+    here = (*above, first)
+    if isinstance(data, list):
+        if not isinstance(first, int) or first >= len(data):
+            raise _no_place(here, f"a list of {len(data)}, counted from 0")
+        new = _with(data[first], tuple(rest), value, here) if rest else value
+        return [*data[:first], new, *data[first + 1 :]]
+    if not isinstance(data, dict | None):
+        raise _no_place(here, "a plain value")
+    others = {k: v for k, v in (data or {}).items() if k != str(first)}
+    if not rest and value is None:
+        return others
+    old = (data or {}).get(str(first))
+    return others | {str(first): _with(old, tuple(rest), value, here) if rest else value}
+
+
+def _no_place(path: KeyPath, holder: str) -> CaseError:
+    above = dotted(path[:-1]) or "the case"
+    return refusal(OVERRIDE, f"there is no such key, for {above} is {holder}", key=dotted(path))

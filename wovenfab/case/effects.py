@@ -1,45 +1,243 @@
-"""The effects section: its keys are what forms/ offers, and the user's own."""
+"""The effects of a case with their values, and what follows from them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from functools import cache
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from functools import cache, partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, Union
 
 from pydantic import (
     BeforeValidator,
+    Discriminator,
     Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     PlainValidator,
+    Tag,
     ValidationInfo,
     create_model,
 )
 from pydantic_core import PydanticCustomError, core_schema
 
 from forms import catalogue
-from forms.effect import Effect, Parameter
+from forms.effect import Effect, Needs, Parameter
+from wovenfab.case.document import FILE, LAW
+from wovenfab.case.formula import Expression
+from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
+from wovenfab.case.units import KINDS
 
-from .expression import Expression
-from .files import FILE, LAW
-from .own_effects import OwnEffect, OwnEffects
-from .parameters import (
-    chosen_from,
-    field,
-    law_of,
-    models_of,
-    quantity,
-    schema_of,
-    values_of,
-)
-from .scene import Scene, SceneEffect
-from .values import Json, Section, hide_default
+#: A parameter's value in SI units: the same everywhere, or a formula of x and y.
+Value = float | Expression
+#: Values by name; a pair where they are given for each family.
+Values = Mapping[str, Value | tuple[Value, Value]]
 
-_TELL = "What the sheet resists and dissipates; what is not listed is not simulated."
+
+@dataclass(frozen=True)
+class SceneEffect:
+    """An effect with the values that a case gives it.
+
+    Attributes:
+        effect: The effect; two with the same name and file count as equal.
+        values: All its parameters.
+        file: Where it was read from if it is the user's own.
+        name: Its name.
+    """
+
+    effect: Effect = dataclass_field(compare=False, repr=False)
+    values: Values
+    file: Path | None = None
+    name: str = dataclass_field(init=False)
+
+    def __post_init__(self) -> None:
+        """Take the name from the effect."""
+        object.__setattr__(self, "name", self.effect.name)
+
+
+@dataclass(frozen=True)
+class CustomEffect:
+    """An effect of the user's own and the file it was read from."""
+
+    effect: Effect
+    file: Path
+
+
+#: By key in the case; what is wrong with a file stands in place of its effect.
+CustomEffects = Mapping[str, CustomEffect | PydanticCustomError]
+#: In the order of the catalogue, then the user's own in the order of the file.
+Scene = tuple[SceneEffect, ...]
+
+
+_LAW = "Which law it obeys"
+
+
+def quantity(parameter: Parameter) -> Quantity:
+    """Return how one value of a parameter is read and written."""
+    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))
+    if parameter.above is not None:
+        return kind(above=parameter.above)
+    return kind(least=0) if parameter.zero_allowed else kind(above=0)
+
+
+def field(name: str) -> str:
+    """Return a name for a field that nothing else has: keys are free, attributes are not."""
+    return f"{name}_"
+
+
+def models_of(effect: Effect, more: Mapping[str, Any] | None = None) -> dict[str, type[Section]]:
+    """Return a model of the values for each law of an effect.
+
+    Args:
+        effect: The effect.
+        more: Other fields that each has, as for pydantic's ``create_model``.
+    """
+    return {one.law: _model(one, one is effect, more or {}) for one in effect.all_laws}
+
+
+def chosen_from(models: Mapping[str, type[Section]]) -> Any:
+    """Return the annotation of a value that is one of some models, by its law.
+
+    The first one is meant where none is named.
+    """
+    first, *others = models
+
+    def law(data: Any) -> str:
+        named = data.get(LAW, first) if isinstance(data, dict) else getattr(data, field(LAW), first)
+        return named if isinstance(named, str) else repr(named)
+
+    if not others:
+        return models[first]
+    options = tuple(Annotated[model, Tag(word)] for word, model in models.items())
+    return Annotated[Union[options], Discriminator(law)]  # noqa: UP007 - options are computed
+
+
+def law_of(effect: Effect, given: Section) -> Effect:
+    """Return the law of an effect that was chosen."""
+    word = getattr(given, field(LAW), effect.law)
+    return next(one for one in effect.all_laws if one.law == word)
+
+
+def values_of(effect: Effect, given: Section) -> dict[str, Any]:
+    """Return the values of all parameters of an effect by their names."""
+    return {p.name: getattr(given, field(p.name)) for p in effect.parameters}
+
+
+def schema_of(effect: Effect) -> Json:
+    """Return the JSON Schema of an effect's values."""
+    schemas = [model.model_json_schema() for model in models_of(effect).values()]
+    return schemas[0] if len(schemas) == 1 else {"oneOf": schemas}
+
+
+def _model(effect: Effect, default: bool, more: Mapping[str, Any]) -> type[Section]:
+    fields: Any = {field(p.name): (_kind(p), _described(p)) for p in effect.parameters}
+    name = effect.name
+    if effect.law:
+        text = f"{_LAW}; this is {effect.law}."
+        chosen = Field(effect.law, alias=LAW, description=text) if default else None
+        named = chosen or Field(alias=LAW, description=text)
+        fields[field(LAW)] = (Literal[effect.law], named)
+        name = name if default else f"{name}_{effect.law}"
+    return create_model(name, __base__=Section, __doc__=effect.summary, **fields, **more)
+
+
+def _kind(parameter: Parameter) -> Any:
+    one = Annotated[Any, quantity(parameter)]
+    return Annotated[tuple[one, one], OneOr(2)] if parameter.per_family else one
+
+
+def _unit(parameter: Parameter) -> str:
+    return "" if parameter.unit == "1" else parameter.unit
+
+
+def _described(parameter: Parameter) -> Any:
+    example = KINDS.get(_unit(parameter), ("", f"1 {parameter.unit}"))[1]
+    more: Mapping[str, Any] = {}
+    if parameter.default is not None:
+        both = (parameter.default,) * 2
+        more = {"default": both if parameter.per_family else parameter.default}
+    return Field(alias=parameter.name, description=parameter.meaning, examples=[example], **more)
+
+
+#: What an effect may say that it resists.
+RESISTIBLE = ("stretching", "shearing", "slipping", "curving")
+
+
+def needs_of(effects: Iterable[Effect]) -> Needs:
+    """Return what some effects need together."""
+    needs = [effect.needs for effect in effects]
+    return Needs(
+        placements=max((n.placements for n in needs), default=1),
+        second_gradient=any(n.second_gradient for n in needs),
+        rate=any(n.rate for n in needs),
+        increment=any(n.increment for n in needs),
+    )
+
+
+def needs_of_scene(scene: Scene) -> Needs:
+    """Return what the effects of a scene need together."""
+    return needs_of(e.effect for e in scene)
+
+
+def acting(scene: Scene) -> list[SceneEffect]:
+    """Return the effects without a zero among their values; formulas are taken as positive."""
+    return [e for e in scene if all(map(_positive, e.values.values()))]
+
+
+def resisted(effects: Iterable[SceneEffect]) -> frozenset[str]:
+    """Return what some effects keep from moving freely."""
+    return frozenset().union(*(e.effect.resists for e in effects))
+
+
+def lacking(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | None:
+    """Return what no effect resists and that in a sentence, or None for a sound sheet.
+
+    Bending does in place of shear: among fibres that keep their length, the only
+    displacements without curvature are a_1 + a_2 y along x and b_1 + b_2 x along y
+    (x, y along the fibres), that is, rigid motions and one uniform shear, which the
+    held edges must exclude; see ``boundary.free_motion``.
+
+    Args:
+        scene: All effects, which decide what is built.
+        act: Those that act, which decide what is resisted.
+    """
+    resists = resisted(act)
+    if "stretching" not in resists:
+        return "stretching", "nothing resists stretching of the yarns"
+    if not resists & {"shearing", "curving"}:
+        return "shearing", "nothing resists shear between the families"
+    if needs_of_scene(scene).placements == 2 and "slipping" not in resists:
+        return "slipping", "nothing ties the two families together where they are not held"
+    return None
+
+
+def providers(resistance: str, scene: Scene = ()) -> list[str]:
+    """Return the names of all effects that resist something, those of a scene included."""
+    known = {**catalogue.effects(), **{e.name: e.effect for e in scene}}
+    return [name for name, effect in known.items() if resistance in effect.resists]
+
+
+def with_second_gradient() -> list[str]:
+    """Return the names of all effects of forms/ that depend on second derivatives."""
+    return [name for name, e in catalogue.effects().items() if e.needs.second_gradient]
+
+
+def with_two_placements() -> list[str]:
+    """Return the names of all effects of forms/ that need a placement for each family."""
+    return [name for name, e in catalogue.effects().items() if e.needs.placements == 2]
+
+
+def _positive(value: float | Expression | tuple[float | Expression, ...]) -> bool:
+    if isinstance(value, tuple):
+        return all(map(_positive, value))
+    return isinstance(value, Expression) or value > 0
+
+
+_SECTION = "What the sheet resists and dissipates; what is not listed is not simulated."
 _FILE = "Python file beside the case that defines EFFECT, an effect of your own."
 #: What the schema says of a key that is no effect of forms/.
-_OWN_SCHEMA: Json = {
+_CUSTOM_SCHEMA: Json = {
     "type": "object",
     "description": "An effect of your own, with its parameters beside the file.",
     "properties": {FILE: {"type": "string", "description": _FILE, "examples": ["my_effect.py"]}},
@@ -47,15 +245,15 @@ _OWN_SCHEMA: Json = {
 }
 
 
-def own_schemas(own: Iterable[Effect]) -> dict[str, Json]:
+def custom_schemas(custom: Iterable[Effect]) -> dict[str, Json]:
     """Return the JSON Schema of the values of some effects by their names."""
-    return {effect.name: schema_of(effect) for effect in own}
+    return {effect.name: schema_of(effect) for effect in custom}
 
 
 class EffectsSection:
     """Annotation that reads a mapping of effects as a scene.
 
-    The user's own effects are taken from ``own`` of the context.
+    The user's own effects are taken from ``custom`` of the context.
     """
 
     def __get_pydantic_core_schema__(
@@ -73,18 +271,18 @@ class EffectsSection:
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> Json:
         """Describe the effects that there are."""
-        told = handler(
+        text = handler(
             _catalogue_model(tuple(catalogue.effects().values())).__pydantic_core_schema__
         )
-        handler.resolve_ref_schema(told)["additionalProperties"] = _OWN_SCHEMA
-        return told
+        handler.resolve_ref_schema(text)["additionalProperties"] = _CUSTOM_SCHEMA
+        return text
 
 
 def _read(data: Any, info: ValidationInfo) -> Scene:
-    own: OwnEffects = (info.context or {}).get("own", {})
-    section = _section_model(own).model_validate(data)
+    custom: CustomEffects = (info.context or {}).get("custom", {})
+    section = _section_model(custom).model_validate(data)
     known: list[tuple[Effect, Path | None]] = [(e, None) for e in catalogue.effects().values()]
-    known += [(e.effect, e.file) for e in own.values() if isinstance(e, OwnEffect)]
+    known += [(e.effect, e.file) for e in custom.values() if isinstance(e, CustomEffect)]
     return tuple(
         _chosen(effect, given, file)
         for effect, file in known
@@ -115,17 +313,17 @@ def _written(parameter: Parameter, value: Any, with_unit: bool) -> Any:
     return value
 
 
-def _section_model(own: OwnEffects) -> type[Section]:
+def _section_model(custom: CustomEffects) -> type[Section]:
     """Return a model with one optional field for each effect that there is."""
     known = _catalogue_model(tuple(catalogue.effects().values()))
-    fields = _fields({name: _own_kind(e) for name, e in own.items()})
-    return create_model("Effects", __base__=known, __doc__=_TELL, **fields)
+    fields = _fields({name: _custom_kind(e) for name, e in custom.items()})
+    return create_model("Effects", __base__=known, __doc__=_SECTION, **fields)
 
 
 @cache
 def _catalogue_model(effects: tuple[Effect, ...]) -> type[Section]:
     fields = _fields({e.name: (chosen_from(models_of(e)), e.summary) for e in effects})
-    return create_model("Effects", __base__=Section, __doc__=_TELL, **fields)
+    return create_model("Effects", __base__=Section, __doc__=_SECTION, **fields)
 
 
 def _fields(kinds: Mapping[str, tuple[Any, str]]) -> Any:
@@ -133,16 +331,16 @@ def _fields(kinds: Mapping[str, tuple[Any, str]]) -> Any:
     return {
         field(name): (
             kind,
-            Field(default=None, alias=name, description=told, json_schema_extra=hide_default),
+            Field(default=None, alias=name, description=text, json_schema_extra=hide_default),
         )
-        for name, (kind, told) in kinds.items()
+        for name, (kind, text) in kinds.items()
     }
 
 
-def _own_kind(own: OwnEffect | PydanticCustomError) -> tuple[Any, str]:
-    if isinstance(own, PydanticCustomError):
-        return _refused(own), ""
-    path, effect = own.file, own.effect
+def _custom_kind(custom: CustomEffect | PydanticCustomError) -> tuple[Any, str]:
+    if isinstance(custom, PydanticCustomError):
+        return _refused(custom), ""
+    path, effect = custom.file, custom.effect
     file: Any = (Annotated[Path, PlainValidator(lambda _: path)], Field(alias=FILE))
     return chosen_from(models_of(effect, {field(FILE): file})), effect.summary
 

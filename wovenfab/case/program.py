@@ -2,20 +2,111 @@
 
 from __future__ import annotations
 
+import csv
+import math
 from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    ValidationInfo,
+    model_validator,
+)
 
-from .files import Samples, read_samples
-from .problems import wrong
-from .values import AtLeastOne, Duration, Frequency, Length, OneOr, Section, Size, Speed
+from wovenfab.case.document import existing_file, folder_of
+from wovenfab.case.errors import describe, one_of, wrong
+from wovenfab.case.quantities import (
+    AtLeastOne,
+    Duration,
+    Frequency,
+    Json,
+    Length,
+    OneOr,
+    Section,
+    Size,
+    Speed,
+    hide_default,
+)
+
+COLUMNS = ("time_s", "displacement_m")
 
 
-class Cycles(Section):
+@dataclass(frozen=True)
+class Samples:
+    """A displacement program as measured or computed elsewhere.
+
+    Attributes:
+        file: The CSV file it was read from.
+        times: Strictly increasing, from the start of the segment, s.
+        displacements: One for each time, m.
+    """
+
+    file: Path
+    times: tuple[float, ...]
+    displacements: tuple[float, ...]
+
+
+def read_samples(value: Any, info: ValidationInfo) -> Samples:
+    """Return the contents of a CSV file with the columns time_s and displacement_m."""
+    path = existing_file(value, folder_of(info), (".csv",))
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as stream:
+            table = csv.DictReader(stream)
+            header = [c.strip() for c in table.fieldnames or ()]
+            table.fieldnames = header
+            if missing := [c for c in COLUMNS if c not in header]:
+                raise wrong(
+                    f"{value}:1: there is no column {one_of(missing)}",
+                    f"The first line must be '{','.join(COLUMNS)}'.",
+                )
+            rows = [_row(row, f"{value}:{table.line_num}") for row in table]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise wrong(f"{value}: this is not a text file with comma-separated values") from error
+    except OSError as error:
+        raise wrong(f"{value}: the file cannot be read: {error.strerror}") from error
+    if not rows:
+        raise wrong(f"{value}: the table is empty")
+    if rows[0][0] < 0:
+        raise wrong(f"{value}:2: times must not be negative, got {rows[0][0]}")
+    times, displacements, places = zip(*rows, strict=True)
+    for before, time, place in zip(times, times[1:], places[1:], strict=False):
+        if time <= before:
+            raise wrong(f"{place}: times must increase, got {time} after {before}")
+    return Samples(path, times, displacements)
+
+
+def _row(row: dict[str, Any], place: str) -> tuple[float, float, str]:
+    values = []
+    for column in COLUMNS:
+        try:
+            value = float(row[column] or "")
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            got = describe(row[column] or None)
+            raise wrong(f"{place}: {column} must be a finite number, got {got}")
+        values.append(value)
+    return values[0], values[1], place
+
+
+def _require_type(schema: Json) -> None:
+    """Ask for the type in a case file, although Python's classes imply it."""
+    schema["required"] = ["type", *schema.get("required", ())]
+
+
+class _Segment(Section):
+    model_config = ConfigDict(json_schema_extra=_require_type)
+
+
+class Cycles(_Segment):
     """Cycles from where the last segment ended and back, A/2 (1 - cos(2 pi t/T)) each."""
 
-    type: Literal["cycles"]
+    type: Literal["cycles"] = Field(default="cycles", json_schema_extra=hide_default)
     """Kind of segment."""
 
     amplitudes: Annotated[tuple[Size, ...], OneOr()] = Field(
@@ -40,10 +131,10 @@ class Cycles(Section):
         return self
 
 
-class Ramp(Section):
+class Ramp(_Segment):
     """A straight line in time to a displacement."""
 
-    type: Literal["ramp"]
+    type: Literal["ramp"] = Field(default="ramp", json_schema_extra=hide_default)
     """Kind of segment."""
 
     to: Length = Field(examples=["40 mm"])
@@ -65,10 +156,10 @@ class Ramp(Section):
         return self
 
 
-class Hold(Section):
+class Hold(_Segment):
     """A rest at the displacement reached."""
 
-    type: Literal["hold"]
+    type: Literal["hold"] = Field(default="hold", json_schema_extra=hide_default)
     """Kind of segment."""
 
     duration: Duration = Field(examples=["2 s"])
@@ -78,10 +169,10 @@ class Hold(Section):
     """Number of equal steps."""
 
 
-class Table(Section):
+class Table(_Segment):
     """Any displacement against time, linear between the rows, which are the steps."""
 
-    type: Literal["table"]
+    type: Literal["table"] = Field(default="table", json_schema_extra=hide_default)
     """Kind of segment."""
 
     samples: Annotated[
@@ -97,16 +188,16 @@ Segment = Annotated[Cycles | Ramp | Hold | Table, Field(discriminator="type")]
 
 def reached(program: Iterable[Segment]) -> list[float]:
     """Return displacements (m) that a program reaches, its turning points among them."""
-    found = [0.0]
+    values = [0.0]
     for segment in program:
         match segment:
             case Cycles(amplitudes=amplitudes):
-                found += [found[-1] + amplitude for amplitude in amplitudes] + [found[-1]]
+                values += [values[-1] + amplitude for amplitude in amplitudes] + [values[-1]]
             case Ramp(to=end):
-                found.append(end)
+                values.append(end)
             case Table(samples=samples):
-                found += samples.displacements
-    return found
+                values += samples.displacements
+    return values
 
 
 def _without_brackets(segments: list[Any]) -> Any:

@@ -1,22 +1,88 @@
-"""The case: what a case file says, validated and in SI units."""
+"""The sections of a case other than effects, edges and program."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, PrivateAttr
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Discriminator,
+    Field,
+    PlainSerializer,
+    Tag,
+    ValidationInfo,
+)
 
 from forms.effect import Needs
+from wovenfab.case.document import existing_file, folder_of
+from wovenfab.case.errors import describe, wrong
+from wovenfab.case.quantities import Angle, AtLeastOne, Count, Quantity, Section, Size
 
-from .boundary import EdgeConditions
-from .effects import EffectsSection
-from .needs import needs_of_scene
-from .problems import describe, wrong
-from .program import Segments
-from .scene import Scene, Values
-from .sheet import Sheet
-from .values import AtLeastOne, Count, Quantity, Section, Size
+GEOMETRIES = (".geo", ".msh")
+#: Smallest |sin| of the angle between the families.
+LEAST_CROSSING = 1e-3
+
+
+def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
+    if far := [a for a in fibres if abs(a) > 2 * math.pi + 1e-12]:
+        raise wrong(
+            f"{far[0]:g} rad is more than a full turn",
+            f"Did you mean '{far[0]:g} deg'? Numbers without a unit are SI.",
+        )
+    if abs(math.sin(fibres[1] - fibres[0])) <= LEAST_CROSSING:
+        raise wrong("the two families are parallel", "They must cross, as in [45 deg, -45 deg].")
+    return fibres
+
+
+Fibres = Annotated[tuple[Angle, Angle], AfterValidator(_crossing)]
+
+
+class Rectangle(Section):
+    """A rectangle with its sides along x and y; its edges are left, right, bottom, top."""
+
+    shape: Literal["rectangle"] = "rectangle"
+    """Kind of sheet; for other shapes give a file instead."""
+
+    length: Size = Field(examples=["0.90 m"])
+    """Extent along x."""
+
+    width: Size = Field(examples=["0.30 m"])
+    """Extent along y."""
+
+    fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
+    """Reference directions of family 1 and 2, as angles from the x axis."""
+
+
+def _geometry(value: Any, info: ValidationInfo) -> Path:
+    return existing_file(value, folder_of(info), GEOMETRIES)
+
+
+class SheetFile(Section):
+    """Any shape, from a gmsh file whose physical groups name the edges."""
+
+    file: Annotated[
+        Path, BeforeValidator(_geometry, json_schema_input_type=str), PlainSerializer(str)
+    ] = Field(examples=["meshes/dogbone.geo"])
+    """Geometry (.geo) or mesh (.msh), relative to the case file, in metres."""
+
+    fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
+    """Reference directions of family 1 and 2, as angles from the x axis."""
+
+
+def _form(data: Any) -> str:
+    named = "file" in data if isinstance(data, dict) else isinstance(data, SheetFile)
+    return "from_file" if named else "rectangle"
+
+
+Sheet = Annotated[
+    Annotated[Rectangle, Tag("rectangle")] | Annotated[SheetFile, Tag("from_file")],
+    Discriminator(_form),
+]
+
 
 Mesh = Literal["fibres", "crossed", "right", "unstructured"]
 
@@ -136,63 +202,3 @@ class Output(Section):
 
     pictures: Annotated[bool, Field(strict=True)] = True
     """Whether pictures are drawn at the end."""
-
-
-class Case(Section):
-    """A case of wovenfab. A value is a plain number in SI units or a text with its unit."""
-
-    title: str = Field(default="", examples=["Bias extension 1:3"])
-    """One line for people."""
-
-    sheet: Sheet
-    """Shape and fibre directions."""
-
-    scene: Annotated[Scene, EffectsSection()] = Field(alias="effects")
-    """What the sheet resists and dissipates; what is not listed is not simulated."""
-
-    boundary: Mapping[str, EdgeConditions] = Field(
-        examples=[{"left": "clamp", "right": {"displacement": ["program", 0]}}]
-    )
-    """Condition on each named edge; edges that are not named are free."""
-
-    program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
-    """Displacement against time: one segment, or a list of them."""
-
-    accuracy: Annotated[float | None, Quantity(above=0, most=0.2)] = Field(
-        default=None, examples=["1 %"]
-    )
-    """Largest relative error of the peak force and of the dissipated energy; degree, size of
-    cells and steps are then found by the program."""
-
-    discretisation: Discretisation = Discretisation()
-    """Elements in space."""
-
-    time: Time = Time()
-    """Steps in time."""
-
-    solver: Solver = Solver()
-    """Newton's method."""
-
-    output: Output = Output()
-    """What is written besides the history."""
-
-    _name: str = PrivateAttr(default="case")
-
-    def model_post_init(self, context: Any, /) -> None:
-        """Take the name from the file that is being read."""
-        self._name = (context or {}).get("name", "case")
-
-    @property
-    def name(self) -> str:
-        """Name of the case file without its suffix."""
-        return self._name
-
-    @property
-    def needs(self) -> Needs:
-        """What the effects need together: placements, second gradient, rate."""
-        return needs_of_scene(self.scene)
-
-    @property
-    def effects(self) -> Mapping[str, Values]:
-        """Values by the name of the effect, in the order of the scene."""
-        return {e.name: e.values for e in self.scene}

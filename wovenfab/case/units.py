@@ -7,7 +7,7 @@ import re
 from functools import cache
 from typing import Any
 
-from .problems import describe
+from wovenfab.case.errors import describe
 
 #: What a unit measures, with an example, for messages and the schema.
 KINDS = {

@@ -15,9 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from wovenfab import __version__
-from wovenfab.case import CaseError, effects_page, json_schema, published_schema
-from wovenfab.cli import check as check_command
-from wovenfab.cli import report as report_command
+from wovenfab.case import CaseError
 from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
 
 
@@ -99,6 +97,20 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
     ] = False,
+    verbose: Annotated[
+        int,
+        typer.Option(
+            "-v",
+            "--verbose",
+            count=True,
+            show_default=False,
+            help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
+        ),
+    ] = 0,
+    log: Annotated[
+        Path | None,
+        typer.Option("--log", show_default=False, help="Write all of that, with times, to a file."),
+    ] = None,
     petsc: Annotated[
         list[str] | None,
         typer.Argument(
@@ -113,7 +125,7 @@ def run(
     """
     from wovenfab.cli.run import run_case
 
-    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or []))
+    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or [], verbose, log))
 
 
 @app.command()
@@ -129,7 +141,9 @@ def check(
     ] = False,
 ) -> None:
     """Validate a case and say what would be built: effects, unknowns, steps, memory."""
-    sys.exit(check_command.check_case(case, overrides or [], resolved))
+    from wovenfab.cli.check import check_case
+
+    sys.exit(check_case(case, overrides or [], resolved))
 
 
 @app.command()
@@ -205,7 +219,9 @@ def report(
     ] = False,
 ) -> None:
     """Report a run from its files alone, or compare several: pages, pictures, yarns."""
-    sys.exit(report_command.report_results(directories, output, animation))
+    from wovenfab.cli.report import report_results
+
+    sys.exit(report_results(directories, output, animation))
 
 
 @app.command()
@@ -217,6 +233,9 @@ def schema(
     """Print the JSON Schema of case files, for editors that complete and check YAML."""
     import json
 
+    from wovenfab.case import json_schema
+    from wovenfab.case.reference import effects_page, published_schema
+
     if effects:
         typer.echo(effects_page(), nl=False)
         return
@@ -225,15 +244,15 @@ def schema(
 
 def guarded(command: Callable[[], None]) -> None:
     """Run a command line; no traceback for anything that a user did."""
-    voice = Console()
+    console = Console()
     try:
         command()
     except CaseError as error:
-        voice.problem(str(error))
+        console.problem(str(error))
         sys.exit(BAD_INPUT)
     except Exception as error:
         if was_interrupted(error):
-            voice.problem("interrupted")
+            console.problem("interrupted")
             sys.exit(INTERRUPTED)
         # A fault of the program: say so, and take the other ranks down with this one.
         traceback.print_exc()

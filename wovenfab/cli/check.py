@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 from forms.catalogue import effects
 from forms.effect import Needs
-from wovenfab.case import Case, dump_case, read_case
-from wovenfab.case.needs import acting
+from wovenfab.case import Case, acting, read_case
 from wovenfab.cli.console import Console
-from wovenfab.cli.sheet import sheet_for
 from wovenfab.simulation.progress import memory
 
 if TYPE_CHECKING:
@@ -26,17 +24,20 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         overrides: Values that replace those of the file.
         resolved: Whether to print the case as a whole instead.
     """
-    voice = Console()
+    console = Console()
     case = read_case(path, overrides)
     if resolved:
-        voice.say(dump_case(case).rstrip())
+        console.say(case.to_yaml().rstrip())
         return 0
-    sheet = sheet_for(case, path, overrides)
-    from wovenfab.simulation.from_case import program_of_case
+    from mpi4py import MPI
+
+    from wovenfab.simulation.from_case import program_of_case, sheet_of
+
+    sheet = sheet_of(case, MPI.COMM_WORLD)
 
     steps = len(program_of_case(case).milestones) - 1
     for line in describe(case, count_unknowns(case, sheet), steps):
-        voice.say(line)
+        console.say(line)
     return 0
 
 

@@ -1,4 +1,4 @@
-"""One voice for all ranks: messages, and progress with the time left."""
+"""Messages and progress with the time left, from the first of all ranks."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def is_launched() -> bool:
 
 
 def is_first_rank() -> bool:
-    """Return whether this process is the one that speaks, without loading MPI."""
+    """Return whether this process is the first rank, without loading MPI."""
     return next((os.environ[name] for name in RANKS if name in os.environ), "0") == "0"
 
 
@@ -43,8 +43,8 @@ class Console:
     """Prints on the first rank only: a live bar on a terminal, plain lines in a log."""
 
     def __init__(self) -> None:
-        """Find out who and where we are."""
-        self._speaks = is_first_rank()
+        """Find out whether this is the first rank."""
+        self._first = is_first_rank()
         self._bar: Any = None
         self._task: Any = None
         self._last = time.monotonic()
@@ -53,20 +53,27 @@ class Console:
 
     def say(self, text: str) -> None:
         """Print a line."""
-        if self._speaks:
+        if self._first:
             (self._bar.console.print if self._bar else print)(text)
             sys.stdout.flush()
 
     def problem(self, text: str) -> None:
         """Print a message to the error stream."""
-        if self._speaks:
+        if self._first:
             print(
                 f"wovenfab: {text}" if ".yaml:" not in text else text, file=sys.stderr, flush=True
             )
 
+    def log(self, text: str) -> None:
+        """Print a message of the log to the error stream, or above the live bar."""
+        if self._bar:
+            self._bar.console.print(text, markup=False, highlight=False)
+        elif self._first:
+            print(text, file=sys.stderr, flush=True)
+
     def __enter__(self) -> Console:
-        """Start the live bar if somebody watches."""
-        if self._speaks and sys.stdout.isatty() and not is_launched():
+        """Start the live bar on a terminal."""
+        if self._first and sys.stdout.isatty() and not is_launched():
             from rich import progress as rich
 
             self._bar = rich.Progress(
@@ -93,7 +100,7 @@ class Console:
 
     def progress(self, now: Progress) -> None:
         """Show progress: the bar, or a line every few seconds."""
-        if not self._speaks:
+        if not self._first:
             return
         state = _state(now)
         if self._bar:

@@ -52,7 +52,7 @@ def _report(voice: Console, directory: Path, animation: bool) -> int:
 
 
 def _compare(voice: Console, directories: Sequence[Path], output: Path | None) -> int:
-    from wovenfab.report.pages.comparison import default_place, write_comparison
+    from wovenfab.report.pages import default_place, write_comparison
 
     try:
         path = write_comparison(directories, output or default_place(directories))

@@ -5,16 +5,20 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from wovenfab import log
 from wovenfab.case import read_case
-from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
-from wovenfab.cli.sheet import sheet_for
-from wovenfab.cli.target_accuracy import find, report
-from wovenfab.record.results import ResultsExistError, open_results, require_free
-from wovenfab.report.subprocess import draw_in_subprocess
+from wovenfab.cli.console import (
+    BAD_INPUT,
+    FAILED_STEP,
+    INTERRUPTED,
+    Console,
+    is_first_rank,
+    was_interrupted,
+)
+from wovenfab.record.results import ResultsExistError
 from wovenfab.simulation.progress import Progress, Stopwatch
 
 SLOW_BLAS = (
@@ -26,57 +30,60 @@ FAST_BLAS = ("openblas", "mkl", "blis", "libflexiblas")
 
 
 def run_case(
-    path: Path, output: Path | None, overrides: Sequence[str], overwrite: bool, petsc: Sequence[str]
+    path: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    overwrite: bool,
+    petsc: Sequence[str],
+    verbosity: int = 0,
+    log_file: Path | None = None,
 ) -> int:
-    """Run the case file and return the exit code; collective."""
+    """Run a case file and return the exit code; collective.
+
+    Args:
+        path: The case file.
+        output: The results directory; ``results/<name of the case>`` if None.
+        overrides: Values that replace those of the file.
+        overwrite: Replace the results of an earlier run there.
+        petsc: Options for PETSc.
+        verbosity: How much is logged on the screen: 0 to 2.
+        log_file: Gets the whole log; None for no file.
+    """
     started = time.perf_counter()
     case = read_case(path, overrides)
-    voice = Console()
-    with voice, ExitStack() as stack:
-        voice.progress(Progress("loading"))
-        _start_petsc(petsc)
-        from wovenfab.simulation.run import run
-        from wovenfab.simulation.simulation import Simulation
+    directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
+    with console:
+        try:
+            log.configure(verbosity, log_file, console.log, is_first_rank())
+            console.progress(Progress("loading"))
+            _start_petsc(petsc)
+            from wovenfab.execution import Listener, execute  # loads dolfinx
 
-        watch = Stopwatch()
-        watch.seconds["import"] = time.perf_counter() - started
-        if not _blas_is_fast():
-            voice.say(SLOW_BLAS)
-        directory = output or Path("results") / case.name
-        try:
-            require_free(directory, overwrite)
-            with watch.phase("mesh"):
-                sheet = sheet_for(case, path, overrides)
-            found, wanted = None, case.accuracy
-            if wanted is not None:
-                with watch.phase("pilot"):
-                    found = find(case, sheet, path, overrides, voice)
-                case, sheet = found.case, found.sheet
-            voice.progress(Progress("compiling the effects"))
-            with watch.phase("compile"):
-                simulation = stack.enter_context(Simulation(case, sheet))
-            open_results(directory, overwrite)
+            watch.seconds["import"] = time.perf_counter() - started
+            if not _blas_is_fast():
+                console.say(SLOW_BLAS)
+            listener = Listener(console.say, console.progress)
+            run = execute(case, directory, overwrite, listener=listener, watch=watch)
         except (ResultsExistError, OSError) as error:
-            voice.problem(str(error))
-            return BAD_INPUT
-        try:
-            outcome, summary = run(simulation, directory, voice.progress, watch)
-        except BaseException as error:
-            if not was_interrupted(error):
+            if _has_begun(watch):
                 raise
-            voice.problem(f"interrupted; the results so far are in {directory}")
+            console.problem(str(error))
+            return BAD_INPUT
+        except BaseException as error:
+            if not (was_interrupted(error) and _has_begun(watch)):
+                raise
+            console.problem(f"interrupted; the results so far are in {directory}")
             return INTERRUPTED
-        if found is not None and wanted is not None:
-            report(found, wanted, summary, directory, voice)
-    if case.output.pictures:
-        warning = draw_in_subprocess(directory).warning
-        if warning is not None:
-            voice.say(f"warning: {warning}")
-    if outcome.failure is not None:
-        voice.problem(f"{outcome.failure}; the results before that are in {directory}")
+    if run.outcome.failure is not None:
+        console.problem(f"{run.outcome.failure}; the results before that are in {directory}")
         return FAILED_STEP
-    _tell(voice, summary, directory)
+    _report(console, run.summary, directory)
     return 0
+
+
+def _has_begun(watch: Stopwatch) -> bool:
+    """Return whether a step was tried."""
+    return "first step" in watch.seconds
 
 
 def _start_petsc(options: Sequence[str]) -> None:
@@ -86,18 +93,18 @@ def _start_petsc(options: Sequence[str]) -> None:
     petsc4py.init([sys.argv[0], *options])
 
 
-def _tell(voice: Console, summary: Mapping[str, Any], directory: Path) -> None:
+def _report(console: Console, summary: Mapping[str, Any], directory: Path) -> None:
     for loss in summary["losses_of_stability"]:
-        voice.say(
+        console.say(
             f"stability lost at {1e3 * loss['displacement_m']:.6g} mm under "
             f"{loss['force_N']:.6g} N, branch followed"
         )
     if summary["saddles"]:
-        voice.say(
+        console.say(
             f"warning: {summary['saddles']} of {summary['steps']} states are saddles, which no "
             "sheet would stay on (negative_eigenvalues in history.csv)"
         )
-    voice.say(
+    console.say(
         f"done: {summary['steps']} steps, peak force {summary['peak_force_N']:.6g} N, "
         f"dissipated {summary['dissipated_J']:.6g} J, results in {directory}"
     )

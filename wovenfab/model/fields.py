@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -106,3 +107,29 @@ def _components(expressions: Sequence[Any]) -> list[Any]:
     for e in expressions:
         found += [e] if e.ufl_shape == () else [e[i] for i in range(e.ufl_shape[0])]
     return found
+
+
+def interpolated(model: Model, name: str) -> fem.Function:
+    """Return a field of the present state as a function, discontinuous between cells; collective.
+
+    Args:
+        model: The model.
+        name: Name of the field, such as ``shear_angle``.
+
+    Raises:
+        KeyError: If the model's effects give it no meaning.
+    """
+    fields = {f.name: f for f in available(model)}
+    if name not in fields:
+        raise KeyError(f"the effects of this case have no field {name!r}, but {', '.join(fields)}")
+    shape = () if fields[name].size == 1 else (fields[name].size,)
+    mesh, degree = model.sheet.mesh, model.balance.degree
+    element = basix.ufl.element("DG", "triangle", degree, shape=shape)
+    space = fem.functionspace(mesh, element)
+    function = fem.Function(space, name=name)
+    points = basix.ufl.element("DG", "triangle", degree).basix_element.points
+    probe = FieldProbe(model, [fields[name].group], points)
+    rows = function.x.array.reshape(-1, fields[name].size)
+    rows[space.dofmap.list[: len(probe.cells)]] = probe.values()[name]
+    function.x.scatter_forward()
+    return function

@@ -1,7 +1,7 @@
-"""What a laboratory reads off a bias-extension test, which knows of yarns only that they turn.
+"""Evaluation of a bias-extension test as laboratories do it.
 
 The yarns are taken as inextensible and pinned where they cross. The sheet then has zones of
-equal shear: none at the grips, gamma in the middle, where both families end at free edges, and
+equal shear: none at the grips, gamma in the centre, where both families end at free edges, and
 gamma/2 between them. Source: J. Cao and others, Characterization of mechanical behavior of
 woven fabrics: experimental methods and benchmark results, Composites Part A 39 (2008).
 """
@@ -10,11 +10,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, pi, sqrt
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case import Boundary, Case, Component, Rectangle
+from wovenfab.record.field_file import DATA
+from wovenfab.record.fields import read_fields
 
 Values = NDArray[np.float64]
 #: Edges across x and across y, first the one at the lower coordinate.
@@ -28,8 +31,8 @@ class BiasExtension:
     Attributes:
         length, width: Its sides (m); the length is twice the width at least.
         axis: 0 if the long side is along x, 1 if along y.
-        factor: Distance that the grips part per displacement of the program.
-        offset: Distance (m) by which they are apart before.
+        factor: Elongation per displacement of the program.
+        offset: Elongation (m) at zero displacement.
     """
 
     length: float
@@ -39,11 +42,11 @@ class BiasExtension:
     offset: float
 
     def elongation(self, displacement: Values) -> Values:
-        """Return how far the grips have parted (m) for displacements of the program (m)."""
+        """Return the increase of the distance of the grips (m) for displacements (m)."""
         return self.factor * displacement + self.offset
 
     def tension(self, force: Values) -> Values:
-        """Return the pull of the grips (N) for forces along the program (N)."""
+        """Return the tension between the grips (N) for forces along the program (N)."""
         return force if self.factor > 0 else -force
 
     def shear_angle(self, elongation: Values) -> Values:
@@ -61,7 +64,7 @@ class BiasExtension:
         return angle
 
     def shear_force(self, angle: Values, tension: Values) -> Values:
-        """Return the normalised shear force F_sh (N/m) along one way out.
+        """Return the normalised shear force F_sh (N/m) for loading from zero.
 
         The work of the grips is that of a shear force per length in both zones (Cao and
         others, 2008), with H the length, W the width and F the tension:
@@ -77,18 +80,18 @@ class BiasExtension:
             Shape (n,).
         """
         half = angle / 2
-        between = np.array([np.interp(half, angle, unit) for unit in np.eye(len(angle))]).T
+        interpolation = np.array([np.interp(half, angle, unit) for unit in np.eye(len(angle))]).T
         h, w = self.length, self.width
-        known = (h / w - 1) * tension * (np.cos(half) - np.sin(half))
-        system = np.diag((2 * h - 3 * w) * np.cos(angle)) + w * np.cos(half)[:, None] * between
-        force: Values = np.linalg.solve(system, known)
+        right = (h / w - 1) * tension * (np.cos(half) - np.sin(half))
+        matrix = np.diag((2 * h - 3 * w) * np.cos(angle))
+        force: Values = np.linalg.solve(matrix + w * np.cos(half)[:, None] * interpolation, right)
         return force
 
     def in_centre(self, points: Values) -> NDArray[np.bool_]:
-        """Return which reference points (m), shape (n, 2), no yarn ties to a grip, shape (n,)."""
+        """Return which reference points (m), shape (n, 2), are in the central zone, shape (n,)."""
         along, across = points[:, self.axis], points[:, 1 - self.axis]
-        away = np.minimum(along, self.length - along)
-        free: NDArray[np.bool_] = away > self.width / 2 + np.abs(across - self.width / 2)
+        distance = np.minimum(along, self.length - along)
+        free: NDArray[np.bool_] = distance > self.width / 2 + np.abs(across - self.width / 2)
         return free
 
 
@@ -119,8 +122,28 @@ def bias_extension_of(case: Case) -> BiasExtension | None:
     return BiasExtension(length, width, axis, factors[0], offsets[0])
 
 
+def mean_shear_angle(directory: str | Path, time: float, specimen: BiasExtension) -> float | None:
+    """Return the mean of the field ``shear_angle`` (rad) over the central zone at a time (s).
+
+    It is None if the run did not store that field at that time.
+    """
+    if not (Path(directory) / DATA).exists():
+        return None
+    fields = read_fields(directory)
+    if not len(fields.times) or "shear_angle" not in fields.units:
+        return None
+    index = int(np.abs(fields.times - time).argmin())
+    if abs(fields.times[index] - time) > 1e-9 * fields.times[-1]:
+        return None
+    corners = fields.points()[fields.triangles()]
+    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    area = np.abs(ax * by - ay * bx) * specimen.in_centre(corners.mean(axis=1))
+    angle = fields.field("shear_angle", index)[fields.triangles()].mean(axis=1)
+    return float(area @ angle / area.sum()) if area.any() else None
+
+
 def _grip(boundary: Boundary, edge: str) -> tuple[Component, Component] | None:
-    """Return how an edge is moved if both families are held alike without a formula."""
+    """Return the motion of an edge if both families are held alike without a formula."""
     conditions = boundary[edge]
     components = conditions[0].components
     families = sorted(family for c in conditions for family in c.families)

@@ -1,7 +1,4 @@
-"""The XDMF text that makes every reader of ParaView see the fields together.
-
-A series in HDF5 and XDMF as one process writes it, complete after every step.
-"""
+"""A series of fields in HDF5 and XDMF as one process writes it, complete after every step."""
 
 from __future__ import annotations
 
@@ -18,95 +15,24 @@ from numpy.typing import NDArray
 
 from wovenfab.record.results import write_whole
 
-#: What is around the frames, and how deep they are in it.
-HEAD = """<?xml version="1.0"?>
+#: Names, without suffix, of the files with the fields of a run, its modes and its errors.
+FIELDS, MODE, ERROR = "fields", "mode", "error"
+DATA = f"{FIELDS}.h5"
+#: No file lock: a run must go on while somebody looks at its results.
+UNLOCKED: dict[str, Any] = {"locking": False}
+
+#: The XDMF text around the frames, and the depth of the frames in it.
+_HEAD = """<?xml version="1.0"?>
 <Xdmf Version="3.0">
   <Domain>
     <Grid Name="fields" GridType="Collection" CollectionType="Temporal">
 """
-TAIL = """    </Grid>
+_TAIL = """    </Grid>
   </Domain>
 </Xdmf>
 """
-LEVEL = 3
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One time of the series: its time (s) and the HDF5 group of its fields."""
-
-    time: float
-    group: str
-
-
-@dataclass(frozen=True)
-class Layout:
-    """What the HDF5 file of a series holds.
-
-    Attributes:
-        data: Name of the HDF5 file.
-        kind: ``Triangle``, or ``Mixed`` where each cell begins with its kind and size.
-        cells: Number of cells.
-        connectivity: Data set of the cells' points, and its shape.
-        points: Number of points.
-        moving: Whether each frame has points of its own beside its fields; if not, all
-            share ``/mesh/points``.
-    """
-
-    data: str
-    kind: str
-    cells: int
-    connectivity: tuple[str, tuple[int, ...]]
-    points: int
-    moving: bool
-
-
-def frame_text(layout: Layout, vectors: Mapping[str, bool], frame: Frame) -> str:
-    """Return the text of one frame, which stands between ``HEAD`` and ``TAIL`` with others.
-
-    Each frame names topology, geometry and all attributes itself, without references:
-    ParaView's first reader crashes on the form with ``xi:include``, and the other two split
-    the fields over blocks when each has a collection of its own.
-
-    Args:
-        layout: What is in the HDF5 file.
-        vectors: For each field whether it is a vector (three components) or a scalar.
-        frame: The time.
-    """
-    grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
-    ET.SubElement(grid, "Time", Value=repr(frame.time))
-    topology = ET.SubElement(
-        grid, "Topology", TopologyType=layout.kind, NumberOfElements=str(layout.cells)
-    )
-    where, shape = layout.connectivity
-    _item(topology, f"{layout.data}:{where}", shape, "Int")
-    geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
-    place = frame.group if layout.moving else "/mesh"
-    _item(geometry, f"{layout.data}:{place}/points", (layout.points, 3), "Float")
-    for name, vector in vectors.items():
-        kind = "Vector" if vector else "Scalar"
-        attribute = ET.SubElement(grid, "Attribute", Name=name, AttributeType=kind, Center="Node")
-        size = (layout.points, 3) if vector else (layout.points,)
-        _item(attribute, f"{layout.data}:{frame.group}/{name}", size, "Float")
-    ET.indent(grid, level=LEVEL)
-    return 2 * LEVEL * " " + ET.tostring(grid, encoding="unicode") + "\n"
-
-
-def _item(parent: ET.Element, where: str, shape: tuple[int, ...], kind: str) -> None:
-    dimensions = " ".join(map(str, shape))
-    item = ET.SubElement(
-        parent, "DataItem", Dimensions=dimensions, NumberType=kind, Precision="8", Format="HDF"
-    )
-    item.text = where
-
-
-#: Name of the files, without suffix, of the fields of a run and of modes.
-FIELDS, MODE, ERROR = "fields", "mode", "error"
-DATA = f"{FIELDS}.h5"
-
-#: No file lock: a run must go on while somebody looks at its results.
-UNLOCKED: dict[str, Any] = {"locking": False}
-#: The padding with zeros and the smooth fields shrink at little cost.
+_LEVEL = 3
+#: Zero padding and smooth fields shrink at little cost.
 _PACK: dict[str, Any] = {"compression": "gzip", "compression_opts": 1, "shuffle": True}
 #: XDMF's number of a polyline among other cells.
 _POLYLINE = 2
@@ -114,13 +40,14 @@ _POLYLINE = 2
 
 @dataclass(frozen=True)
 class Cells:
-    """How points are joined.
+    """The cells that join the points.
 
     Attributes:
-        kind: XDMF's name.
+        kind: XDMF's name: ``Triangle``, or ``Mixed`` where each cell begins with its kind
+            and size.
         name: Name of the data set.
         count: Number of cells.
-        connectivity: Points of the cells as XDMF has them.
+        connectivity: Points of the cells in XDMF's form.
     """
 
     kind: str
@@ -135,7 +62,7 @@ def triangles(corners: NDArray[np.int64]) -> Cells:
 
 
 def polylines(sizes: Sequence[int]) -> Cells:
-    """Return polylines through consecutive points, so many each."""
+    """Return polylines through consecutive points, given by their numbers of points."""
     starts = np.cumsum([0, *sizes])
     parts = [[_POLYLINE, n, *range(s, s + n)] for s, n in zip(starts[:-1], sizes, strict=True)]
     return Cells("Mixed", "lines", len(parts), np.concatenate([[], *parts]).astype(np.int64))
@@ -161,61 +88,86 @@ class FieldFile:
             cells: How the points are joined.
             points: Points at rest (m), shape (n, 2).
             units: Name and SI unit of each field.
-            moving: Whether each time has points of its own, by the name ``points``.
+            moving: Whether each time has points of its own, as the field ``points``; if not,
+                all share ``/mesh/points``.
         """
-        self._path = directory / name
-        connectivity = (f"/mesh/{cells.name}", cells.connectivity.shape)
-        self._layout = Layout(
-            f"{name}.h5", cells.kind, cells.count, connectivity, len(points), moving
-        )
+        self._data, self._text = directory / f"{name}.h5", directory / f"{name}.xdmf"
+        self._cells, self._count, self._moving = cells, len(points), moving
         self._units = dict(units)
         self._vectors: dict[str, bool] = {}
         self._last: float | None = None  # time, s
-        with h5py.File(self._path.with_suffix(".h5"), "w", **UNLOCKED) as file:
+        with h5py.File(self._data, "w", **UNLOCKED) as file:
             mesh = file.create_group("mesh")
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
             mesh.create_dataset(cells.name, data=cells.connectivity, **_PACK)
             file.create_group("steps")
 
     def add(self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]) -> None:
-        """Write one time: first the data, then the XDMF that names them.
+        """Write one time (s): first the data, then the XDMF that refers to them.
 
-        Args:
-            step: Number of the step.
-            time: Time (s), later than the last one.
-            fields: Every field on the points, shape (n,) or (n, 2); where they move, the
-                points among them.
+        Every field is given on the points, shape (n,) or (n, 2); moving points among them.
 
         Raises:
-            ValueError: The time does not grow, or a field changed its shape.
+            ValueError: The time does not increase, or a field changed its shape.
             OSError: The files cannot be written.
         """
         if self._last is not None and time <= self._last:
             raise ValueError(f"time {time} s comes after {self._last} s in the fields")
         vectors = {name: values.ndim == 2 for name, values in fields.items()}
         same = self._last is None or vectors == self._vectors
-        if not same or any(len(values) != self._layout.points for values in fields.values()):
+        if not same or any(len(values) != self._count for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
-        frame = Frame(time, f"/steps/{step:06d}")
-        with h5py.File(self._path.with_suffix(".h5"), "r+", **UNLOCKED) as file:
-            group = file.create_group(frame.group)
+        where = f"/steps/{step:06d}"
+        with h5py.File(self._data, "r+", **UNLOCKED) as file:
+            group = file.create_group(where)
             for name, values in fields.items():
                 data = _padded(values) if vectors[name] else values
                 group.create_dataset(name, data=data, **_PACK).attrs["unit"] = self._units[name]
             group.attrs.update(step=step, time=time)  # last: marks the step as complete
-        shown = {name: vector for name, vector in vectors.items() if name != "points"}
-        self._name(frame_text(self._layout, shown, frame))
+        self._append(self._frame(time, where, vectors))
         self._vectors, self._last = vectors, time
 
-    def _name(self, frame: str) -> None:
-        """Add the text of a frame to the XDMF, at its end: long runs have thousands."""
-        path = self._path.with_suffix(".xdmf")
+    def _frame(self, time: float, group: str, vectors: Mapping[str, bool]) -> str:
+        """Return the XDMF text of one time.
+
+        Each frame has topology, geometry and all attributes itself, without references:
+        ParaView's first reader crashes on the form with ``xi:include``, and the other two
+        split the fields over blocks when each has a collection of its own. ``vectors`` says
+        of each field in the HDF5 group whether it has three components.
+        """
+        grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
+        ET.SubElement(grid, "Time", Value=repr(time))
+        cells = {"TopologyType": self._cells.kind, "NumberOfElements": str(self._cells.count)}
+        topology = ET.SubElement(grid, "Topology", cells)
+        self._item(topology, f"/mesh/{self._cells.name}", self._cells.connectivity.shape, "Int")
+        geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
+        place = group if self._moving else "/mesh"
+        self._item(geometry, f"{place}/points", (self._count, 3))
+        for name in (name for name in vectors if name != "points"):
+            kind = "Vector" if vectors[name] else "Scalar"
+            shape = (self._count, 3) if vectors[name] else (self._count,)
+            about = {"Name": name, "AttributeType": kind, "Center": "Node"}
+            self._item(ET.SubElement(grid, "Attribute", about), f"{group}/{name}", shape)
+        ET.indent(grid, level=_LEVEL)
+        return 2 * _LEVEL * " " + ET.tostring(grid, encoding="unicode") + "\n"
+
+    def _item(
+        self, parent: ET.Element, where: str, shape: tuple[int, ...], kind: str = "Float"
+    ) -> None:
+        size = " ".join(map(str, shape))
+        item = ET.SubElement(
+            parent, "DataItem", Dimensions=size, NumberType=kind, Precision="8", Format="HDF"
+        )
+        item.text = f"{self._data.name}:{where}"
+
+    def _append(self, frame: str) -> None:
+        """Add a frame at the end of the XDMF, without rewriting the thousands before it."""
         if self._last is None:
-            write_whole(path, HEAD + frame + TAIL)
+            write_whole(self._text, _HEAD + frame + _TAIL)
             return
-        with path.open("r+b", buffering=0) as file:  # one write, so that readers find it whole
-            file.seek(-len(TAIL.encode()), SEEK_END)
-            file.write((frame + TAIL).encode())
+        with self._text.open("r+b", buffering=0) as file:  # one write: readers find it whole
+            file.seek(-len(_TAIL.encode()), SEEK_END)
+            file.write((frame + _TAIL).encode())
 
 
 def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,9 +1,4 @@
-"""The lattice of points on which fields are written, finer than the cells by the degree.
-
-Blocks of rows, one a cell, gathered from all ranks in an order that is not the ranks'.
-
-Fields over time, from all ranks into one pair of files.
-"""
+"""Fields over time: written from all ranks into one pair of files, and read back."""
 
 from __future__ import annotations
 
@@ -14,11 +9,12 @@ from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import agree, on_root
-from wovenfab.record import field_file
+from wovenfab.record.field_file import FIELDS, UNLOCKED, FieldFile, triangles
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -44,23 +40,25 @@ class Lattice:
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """Reference points, shape ((p+1)(p+2)/2, 2), row by row from the x axis."""
-        p = self.degree
-        return np.array([[i, j] for j in range(p + 1) for i in range(p + 1 - j)]) / p
+        return np.array(self._nodes) / self.degree
 
     @cached_property
     def triangles(self) -> NDArray[np.int64]:
-        """Points of each sub-triangle, shape (p², 3), all with the sense of the reference."""
+        """Points of each sub-triangle, shape (p², 3), all oriented as the reference."""
+        number = {node: n for n, node in enumerate(self._nodes)}
+        corners = []
+        for i, j in self._nodes:
+            if i + j < self.degree:
+                corners.append([number[i, j], number[i + 1, j], number[i, j + 1]])
+            if i + j < self.degree - 1:
+                corners.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
+        return np.array(corners, dtype=np.int64)
+
+    @property
+    def _nodes(self) -> list[tuple[int, int]]:
+        """Integer coordinates of the points."""
         p = self.degree
-        number = {
-            ij: n for n, ij in enumerate((i, j) for j in range(p + 1) for i in range(p + 1 - j))
-        }
-        found = []
-        for j in range(p):
-            for i in range(p - j):
-                found.append([number[i, j], number[i + 1, j], number[i, j + 1]])
-                if i + j < p - 1:
-                    found.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
-        return np.array(found, dtype=np.int64)
+        return [(i, j) for j in range(p + 1) for i in range(p + 1 - j)]
 
     def connectivity(self, cells: int) -> NDArray[np.int64]:
         """Return the triangles of ``cells`` consecutive lattices, shape (cells p², 3)."""
@@ -76,11 +74,7 @@ class Blocks:
     """
 
     def __init__(self, comm: MPI.Comm, cells: NDArray[Any]) -> None:
-        """Learn the order; collective.
-
-        Args:
-            comm: The ranks that hold the blocks.
-            cells: Number of each local block's cell in the whole mesh, shape (blocks,).
+        """Exchange the global numbers of each rank's cells, one a block; collective.
 
         Raises:
             ValueError: Two blocks have the same cell (a ghost, say); on every rank.
@@ -131,71 +125,56 @@ class Blocks:
 class FieldSeries:
     """Writes fields on a fixed triangle mesh, step by step; rank 0 writes, all call.
 
-    Every rank hands over the blocks of its own cells; the file is ordered by cell, whatever
-    the number of ranks.
+    Every rank gives the blocks of its own cells. The file is ordered by cell and does not
+    depend on the number of ranks.
     """
 
     def __init__(
         self,
         directory: str | Path,
         comm: MPI.Comm,
+        lattice: Lattice,
         points: NDArray[np.float64],
-        triangles: NDArray[Any],
         cells: NDArray[Any],
         units: Mapping[str, str],
-        name: str = field_file.FIELDS,
+        name: str = FIELDS,
     ) -> None:
         """Write the mesh; collective.
 
         Args:
             directory: The results directory.
             comm: The ranks that call.
-            points: Local points (m), shape (n, 2): a block of equal size for each cell.
-            triangles: Local points of each triangle, shape (m, 3), a block for each cell.
-            cells: Number of each block's cell in the whole mesh, shape (blocks,); cells
-                that the rank owns, no ghosts.
+            lattice: The lattice that each cell has, the same on all ranks.
+            points: Local points (m), shape (n, 2): those of the lattice, cell by cell.
+            cells: Global number of each cell, shape (cells,); owned cells only, no ghosts.
             units: Name and SI unit of each field that will be written ("1" for none).
             name: Name of the files without suffix.
 
         Raises:
             ValueError: The arrays do not fit together or are not finite; on every rank.
         """
-        self._comm = comm
-        self._units = dict(units)
-        self._count = len(points)
+        self._comm, self._units, self._count = comm, dict(units), len(points)
         points = np.asarray(points, dtype=np.float64)
-        triangles = np.asarray(triangles, dtype=np.int64)
-        agree(comm, _mesh_problem(points, triangles, len(cells)))
+        agree(comm, _mesh_problem(points, len(lattice.points) * len(cells)))
         self._blocks = Blocks(comm, cells)
-        size = len(points) // max(len(cells), 1)
-        own = size * np.repeat(np.arange(len(cells)), len(triangles) // max(len(cells), 1))
-        inside = triangles - own[:, None]
-        astray = bool(((inside < 0) | (inside >= size)).any())
-        agree(comm, ValueError("a triangle leaves its cell's block of points") if astray else None)
-        all_points, all_inside = (self._blocks.gather(points), self._blocks.gather(inside))
+        everything = self._blocks.gather(points)
 
         def start() -> None:
-            assert all_points is not None
-            assert all_inside is not None
-            blocks = max(self._blocks.total, 1)
-            first = np.arange(blocks) * (len(all_points) // blocks)
-            shift = np.repeat(first, len(all_inside) // blocks)
-            cells = field_file.triangles(all_inside + shift[:, None])
-            self._file = field_file.FieldFile(Path(directory), name, cells, all_points, self._units)
+            assert everything is not None
+            mesh = triangles(lattice.connectivity(self._blocks.total))
+            self._file = FieldFile(Path(directory), name, mesh, everything, self._units)
 
         on_root(comm, start)
 
     def write(self, step: int, time: float, data: Mapping[str, NDArray[np.float64]]) -> None:
         """Add one time to the series; collective. The files are then complete and closed.
 
-        Args:
-            step: Number of the step, as in the history.
-            time: Time (s), later than the last one written.
-            data: Every announced field on the local points, shape (n,) or (n, 2).
+        The times (s) increase; ``data`` has every announced field on the local points, shape
+        (n,) or (n, 2).
 
         Raises:
             ValueError: A field is missing, unknown, of a wrong shape or not finite, or the
-                time does not grow; on every rank, and nothing is written.
+                time does not increase; on every rank, and nothing is written.
         """
         local = {name: np.asarray(values, dtype=np.float64) for name, values in data.items()}
         agree(self._comm, self._problem(step, time, local))
@@ -219,16 +198,67 @@ class FieldSeries:
         return None
 
 
-def _mesh_problem(
-    points: NDArray[np.float64], triangles: NDArray[np.int64], blocks: int
-) -> ValueError | None:
-    if points.ndim != 2 or points.shape[1] != 2:
-        return ValueError(f"points must have shape (n, 2), not {points.shape}")
-    if triangles.ndim != 2 or triangles.shape[1] != 3:
-        return ValueError(f"triangles must have shape (m, 3), not {triangles.shape}")
-    for what, rows in (("points", len(points)), ("triangles", len(triangles))):
-        if rows % blocks if blocks else rows:
-            return ValueError(f"{rows} {what} cannot be shared out to {blocks} cells")
+def _mesh_problem(points: NDArray[np.float64], count: int) -> ValueError | None:
+    if points.shape != (count, 2):
+        return ValueError(f"points must have shape ({count}, 2), not {points.shape}")
     if not np.isfinite(points).all():
         return ValueError("the mesh has points that are not finite")
     return None
+
+
+@dataclass(frozen=True)
+class StoredFields:
+    """The series of fields of a run, as far as it was written.
+
+    Attributes:
+        path: The HDF5 file.
+        steps: Numbers of the stored steps, shape (times,).
+        times: Their times (s), ascending, shape (times,).
+        units: Name and SI unit of each field.
+    """
+
+    path: Path
+    steps: NDArray[np.int64]
+    times: NDArray[np.float64]
+    units: dict[str, str]
+
+    def points(self) -> NDArray[np.float64]:
+        """Return the reference points (m), shape (n, 2); each cell has its own."""
+        return _planar(self._load("mesh/points"))
+
+    def triangles(self) -> NDArray[np.int64]:
+        """Return the points of each triangle, shape (m, 3)."""
+        corners: NDArray[np.int64] = self._load("mesh/triangles")
+        return corners
+
+    def field(self, name: str, index: int) -> NDArray[np.float64]:
+        """Return a field at ``times[index]`` on the points in SI units, shape (n,) or (n, 2)."""
+        return _planar(self._load(f"steps/{self.steps[index]:06d}/{name}"))
+
+    def _load(self, where: str) -> Any:
+        with h5py.File(self.path, "r", **UNLOCKED) as file:
+            return file[where][()]
+
+
+def read_fields(directory: str | Path, name: str = FIELDS) -> StoredFields:
+    """Return the series ``name`` of a results directory; data are loaded when asked for.
+
+    Raises:
+        FileNotFoundError: The run wrote no fields.
+    """
+    path = Path(directory) / f"{name}.h5"
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist: the run wrote no fields")
+    with h5py.File(path, "r", **UNLOCKED) as file:
+        complete = (group for group in file["steps"].values() if "time" in group.attrs)
+        groups = sorted(complete, key=lambda group: float(group.attrs["time"]))
+        steps = np.array([group.attrs["step"] for group in groups], dtype=np.int64)
+        times = np.array([group.attrs["time"] for group in groups], dtype=np.float64)
+        fields = groups[0].items() if groups else ()
+        units = {name: str(data.attrs["unit"]) for name, data in fields}
+    return StoredFields(path, steps, times, units)
+
+
+def _planar(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Drop the third component, with which vectors are padded for ParaView."""
+    return rows[:, :2] if rows.ndim == 2 else rows

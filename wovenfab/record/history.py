@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
 from math import fsum, isfinite
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
@@ -17,177 +16,159 @@ from wovenfab.parallel import on_root, world
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+    from wovenfab.stepping.step import Step
+
 HISTORY = "history.csv"
 REACTIONS = "reactions.csv"
-#: Columns with the estimated errors of steps.
+#: Columns with the estimated errors of the time steps.
 ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
 
 
-@dataclass(frozen=True)
-class StepRecord:
-    """What is known of one step when it has converged.
-
-    Attributes:
-        step: Number of the step; 0 is the start.
-        time: Time (s).
-        displacement: Displacement of the driven edge along the program (m).
-        force: Reaction on it along the program (N).
-        force_transverse: Reaction on it across the program (N).
-        stored: Energy stored now by each effect (J).
-        dissipated: Energy lost since the start by each effect (J).
-        work: Work done by the driven edges since the start (J).
-        iterations: Newton iterations of the step.
-        reactions: Reaction of each named edge, x and y (N).
-        negatives: Negative eigenvalues of the tangent; 0 where the state is a minimum.
-        errors: Estimated errors of the steps in force (N) and dissipated energy (J); only where
-            the history has them.
-    """
-
-    step: int
-    time: float
-    displacement: float
-    force: float
-    force_transverse: float
-    stored: Mapping[str, float]
-    dissipated: Mapping[str, float]
-    work: float
-    iterations: int
-    reactions: Mapping[str, tuple[float, float]]
-    negatives: int = 0
-    errors: tuple[float, float] | None = None
-
-
-class History:
-    """Writes ``history.csv`` and ``reactions.csv``, row by row; rank 0 writes, all call.
+class HistoryRows:
+    """Rows of the history, from steps.
 
     Totals and the energy imbalance (work - change of stored energy - dissipated energy,
-    from the first row on) are computed here, from the numbers that are written.
+    from the first row on) are computed here.
+
+    Attributes:
+        columns: Names of the columns of ``history.csv``.
+        reaction_columns: Those of ``reactions.csv``.
     """
 
     def __init__(
         self,
-        directory: str | Path,
         stored: Sequence[str],
         dissipated: Sequence[str],
         edges: Sequence[str],
-        comm: MPI.Comm | None = None,
         errors: bool = False,
+    ) -> None:
+        """Start before the first step.
+
+        Args:
+            stored: Names of the effects that store energy.
+            dissipated: Names of the effects that dissipate energy.
+            edges: Names of the edges whose reactions are recorded.
+            errors: Whether there are columns for the estimated errors of the time steps.
+        """
+        self._stored, self._dissipated = tuple(stored), tuple(dissipated)
+        self._edges, self._errors = tuple(edges), errors
+        self._initial_energy: float | None = None
+        self._last_time = -float("inf")
+        self.columns = (
+            *("step", "time_s", "displacement_m", "force_N", "force_transverse_N", "energy_J"),
+            *(f"energy_{name}_J" for name in self._stored),
+            "dissipated_J",
+            *(f"dissipated_{name}_J" for name in self._dissipated),
+            *("work_J", "imbalance_J", *(ERRORS if errors else ())),
+            *("newton_iterations", "negative_eigenvalues"),
+        )
+        reactions = (f"{edge}_{xy}_N" for edge in self._edges for xy in "xy")
+        self.reaction_columns = ("step", "time_s", *reactions)
+
+    def row(self, step: Step) -> tuple[list[float], list[float]]:
+        """Return the values of a step for the columns of both tables.
+
+        Raises:
+            ValueError: A number is not finite, the effects or edges are not the announced
+                ones, or the time does not increase.
+        """
+        for what, given, announced in (
+            ("stored energies", step.stored, self._stored),
+            ("dissipated energies", step.dissipated, self._dissipated),
+            ("reactions", step.reactions, self._edges),
+        ):
+            if set(given) != set(announced):
+                raise ValueError(
+                    f"{what} of {sorted(given)} given, but the history has {sorted(announced)}"
+                )
+        if step.time <= self._last_time:
+            raise ValueError(f"time {step.time} s comes after {self._last_time} s in the history")
+        stored = [float(step.stored[name]) for name in self._stored]
+        dissipated = [float(step.dissipated[name]) for name in self._dissipated]
+        energy, lost, work = fsum(stored), fsum(dissipated), float(step.work)
+        initial = energy if self._initial_energy is None else self._initial_energy
+        driven = map(float, (step.time, step.displacement, step.force, step.force_transverse))
+        balance = [work, work - (energy - initial) - lost]
+        if self._errors:
+            balance += [float(step.force_error), float(step.dissipated_error)]
+        numbers = [*driven, energy, *stored, lost, *dissipated, *balance]
+        reactions = [float(component) for e in self._edges for component in step.reactions[e]]
+        if not all(map(isfinite, (*numbers, *reactions))):
+            raise ValueError(f"step {step.number} has numbers that are not finite: {step}")
+        self._initial_energy, self._last_time = initial, numbers[0]
+        counts = int(step.iterations), int(step.negatives)
+        return [int(step.number), *numbers, *counts], [int(step.number), numbers[0], *reactions]
+
+
+class History(AbstractContextManager["History"]):
+    """Writes ``history.csv`` and ``reactions.csv``, row by row; rank 0 writes, all call."""
+
+    def __init__(
+        self, directory: str | Path, rows: HistoryRows, comm: MPI.Comm | None = None
     ) -> None:
         """Start both files with their headers; collective.
 
         Args:
             directory: The results directory.
-            stored: Names of the effects that store energy.
-            dissipated: Names of the effects that dissipate energy.
-            edges: Names of the edges whose reactions are recorded.
-            comm: The ranks that call; all of MPI's if None.
-            errors: Whether the errors of steps are recorded, too.
+            rows: Makes the rows.
+            comm: The ranks that call; the world communicator if None.
         """
-        self._has_errors = errors
-        self._comm = world() if comm is None else comm
-        self._stored, self._dissipated, self._edges = (
-            tuple(stored),
-            tuple(dissipated),
-            tuple(edges),
-        )
-        self._initial_energy: float | None = None
-        self._last_time = -float("inf")
+        self._comm, self._rows = world() if comm is None else comm, rows
         self._files: list[TextIO] = []
         on_root(self._comm, lambda: self._open(Path(directory)))
 
-    def append(self, row: StepRecord) -> None:
-        """Write one row to both files and flush them; collective.
+    def append(self, step: Step) -> None:
+        """Write a step to both files and flush them; collective.
 
         Raises:
-            ValueError: A number is not finite, the effects or edges are not the announced
-                ones, or the time does not grow; then nothing is written.
+            ValueError: As :meth:`HistoryRows.row`; then nothing is written.
         """
-        on_root(self._comm, lambda: self._write(row))
+        on_root(self._comm, lambda: self._write(step))
 
     def close(self) -> None:
         """Close the files; a second call does nothing."""
         for file in self._files:
             file.close()
 
-    def __enter__(self) -> History:
-        """Return the history itself."""
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the files."""
         self.close()
 
     def _open(self, directory: Path) -> None:
-        history = (
-            ["step", "time_s", "displacement_m", "force_N", "force_transverse_N", "energy_J"]
-            + [f"energy_{name}_J" for name in self._stored]
-            + ["dissipated_J"]
-            + [f"dissipated_{name}_J" for name in self._dissipated]
-            + ["work_J", "imbalance_J", *(ERRORS if self._has_errors else ())]
-            + ["newton_iterations", "negative_eigenvalues"]
-        )
-        reactions = ["step", "time_s"] + [f"{e}_{xy}_N" for e in self._edges for xy in "xy"]
-        for name, header in ((HISTORY, history), (REACTIONS, reactions)):
+        headers = (HISTORY, self._rows.columns), (REACTIONS, self._rows.reaction_columns)
+        for name, header in headers:
             file = (directory / name).open("w", encoding="utf-8", newline="\n")
             self._files.append(file)
             _write_row(file, header)
 
-    def _write(self, row: StepRecord) -> None:
-        for what, given, wanted in (
-            ("stored energies", row.stored, self._stored),
-            ("dissipated energies", row.dissipated, self._dissipated),
-            ("reactions", row.reactions, self._edges),
-            ("errors", ERRORS if row.errors else (), ERRORS if self._has_errors else ()),
-        ):
-            if set(given) != set(wanted):
-                raise ValueError(
-                    f"{what} of {sorted(given)} given, but the history has {sorted(wanted)}"
-                )
-        if row.time <= self._last_time:
-            raise ValueError(f"time {row.time} s comes after {self._last_time} s in the history")
-        stored = [float(row.stored[name]) for name in self._stored]
-        dissipated = [float(row.dissipated[name]) for name in self._dissipated]
-        energy, lost, work = fsum(stored), fsum(dissipated), float(row.work)
-        initial = energy if self._initial_energy is None else self._initial_energy
-        driven = [float(v) for v in (row.displacement, row.force, row.force_transverse)]
-        balance = [work, work - (energy - initial) - lost, *(map(float, row.errors or ()))]
-        numbers = [float(row.time), *driven, energy, *stored, lost, *dissipated, *balance]
-        reactions = [float(row.reactions[edge][i]) for edge in self._edges for i in (0, 1)]
-        bad = [value for value in (*numbers, *reactions) if not isfinite(value)]
-        if bad:
-            raise ValueError(f"step {row.step} has numbers that are not finite: {row}")
-        history, forces = self._files
-        counts = [str(int(row.iterations)), str(int(row.negatives))]
-        _write_row(history, [str(int(row.step)), *map(repr, numbers), *counts])
-        _write_row(forces, [str(int(row.step)), *map(repr, [numbers[0], *reactions])])
-        self._initial_energy, self._last_time = initial, numbers[0]
+    def _write(self, step: Step) -> None:
+        for file, row in zip(self._files, self._rows.row(step), strict=True):
+            _write_row(file, map(repr, row))
 
 
-def read_history(directory: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of ``history.csv`` by name, each of shape (steps,)."""
-    return _read(Path(directory) / HISTORY)
+def read_history(directory: str | Path, name: str = HISTORY) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a table by name, each of shape (steps,).
 
-
-def read_reactions(directory: str | Path) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of ``reactions.csv`` by name, each of shape (steps,)."""
-    return _read(Path(directory) / REACTIONS)
-
-
-def _write_row(file: TextIO, cells: Sequence[str]) -> None:
-    file.write(",".join(cells) + "\n")
-    file.flush()
-
-
-def _read(path: Path) -> dict[str, NDArray[np.float64]]:
-    """Read a table; a last row that a killed run left unfinished is dropped."""
-    text = path.read_text(encoding="utf-8")
+    A last row that a killed run left unfinished is dropped.
+    """
+    text = (Path(directory) / name).read_text(encoding="utf-8")
     header, *rows = text[: text.rfind("\n")].split("\n")
     names = header.split(",")
     values = np.array([row.split(",") for row in rows], dtype=np.float64)
     values = values.reshape(len(rows), len(names))
-    return {name: values[:, i] for i, name in enumerate(names)}
+    return {column: values[:, i] for i, column in enumerate(names)}
+
+
+def index_of_peak(forces: Sequence[float] | NDArray[np.float64]) -> int:
+    """Return which of the recorded forces is the peak: the first one of largest size."""
+    return int(np.abs(forces).argmax())
+
+
+def peak_force(forces: Sequence[float] | NDArray[np.float64]) -> float:
+    """Return ``peak_force_N``: the recorded force (N) of largest size, with its sign."""
+    return float(forces[index_of_peak(forces)])
+
+
+def _write_row(file: TextIO, cells: Iterable[str]) -> None:
+    file.write(",".join(cells) + "\n")
+    file.flush()

@@ -1,7 +1,4 @@
-"""Where results and pictures come from: the command and the commit that made them.
-
-The results directory: made once, never overwritten silently, never emptied.
-"""
+"""The results directory, which is never overwritten silently, and the provenance of results."""
 
 from __future__ import annotations
 
@@ -18,39 +15,44 @@ from wovenfab.parallel import on_root, world
 if TYPE_CHECKING:
     from mpi4py import MPI
 
-
-#: Variable in which ``env/enter`` tells the commit of the code, ``+`` after it if changed.
+#: Environment variable with the commit of the code, set by ``env/enter``; ``+`` if changed.
 COMMIT = "WOVENFAB_COMMIT"
-#: Variable in which a command that starts others tells them what the user typed.
+#: Environment variable with the command that the user typed, for processes that it starts.
 COMMAND = "WOVENFAB_COMMAND"
+#: Marks a directory as made by wovenfab: only such a one can be overwritten.
+MARKER = ".wovenfab"
+#: Fingerprint of the input of finished results, where a sweep made them.
+FINGERPRINT = ".fingerprint"
+#: Every file that wovenfab writes into a results directory, and may replace.
+FILES = (
+    *("case.yaml", "summary.json", FINGERPRINT),
+    *("history.csv", "reactions.csv", "cycles.csv", "error.csv"),
+    *(f"{name}.{kind}" for name in ("fields", "mode", "error", "yarns") for kind in ("h5", "xdmf")),
+    *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
+    *("report.html", "open_in_paraview.py"),
+)
 
 
 @dataclass(frozen=True)
 class Provenance:
-    """What made a file.
+    """The command and the commit that made a file.
 
     Attributes:
-        command: The command line; two that made it together have ``"; "`` between.
-        commit: Commit of the code (several likewise), ``+`` after it where the code had
-            changes that were not committed; empty where it is not known.
+        command: The command line; several are joined by ``"; "``.
+        commit: Commit of the code, several joined likewise; ``+`` after it if the code had
+            uncommitted changes; empty if unknown.
     """
 
     command: str
     commit: str
 
     def then(self, later: Provenance) -> Provenance:
-        """Return what made a file for which one command used the results of another."""
-        return Provenance(
-            _together(self.command, later.command), _together(self.commit, later.commit)
-        )
+        """Return the provenance of a file that a later command made from these results."""
+        return Provenance(_joined(self.command, later.command), _joined(self.commit, later.commit))
 
 
 def this_process(ranks: int = 1) -> Provenance:
-    """Return the command that the user typed for this process, and the commit of its code.
-
-    Args:
-        ranks: Number of MPI ranks that the command was started on.
-    """
+    """Return the command that started this process (on ``ranks`` MPI ranks), and its commit."""
     commit = os.environ.get(COMMIT, "")
     if os.environ.get(COMMAND):
         return Provenance(os.environ[COMMAND], commit)
@@ -64,72 +66,30 @@ def this_process(ranks: int = 1) -> Provenance:
 
 
 def of_summary(summary: Mapping[str, object]) -> Provenance | None:
-    """Return what made a run, from its summary; None where that does not say it."""
+    """Return the provenance of a run from its summary; None if the summary has none."""
     command = summary.get("command")
     return Provenance(str(command), str(summary.get("commit") or "")) if command else None
 
 
-def _together(first: str, second: str) -> str:
-    """Return both texts, or one where the other is empty or the same."""
+def _joined(first: str, second: str) -> str:
+    """Return both texts joined, without empty and repeated parts."""
     parts = dict.fromkeys([*first.split("; "), *second.split("; ")])
     return "; ".join(part for part in parts if part)
 
 
-#: Shows that wovenfab made the directory, so that only such a one can be overwritten.
-MARKER = ".wovenfab"
-
-#: What finished results were computed from, where a sweep made them.
-FINGERPRINT = ".fingerprint"
-
-#: Everything that wovenfab writes into a results directory, and may replace.
-FILES = (
-    "case.yaml",
-    "history.csv",
-    "reactions.csv",
-    "cycles.csv",
-    "fields.h5",
-    "fields.xdmf",
-    "summary.json",
-    "loop.png",
-    "loop.svg",
-    "deformed.png",
-    "mode.h5",
-    "mode.xdmf",
-    "mode.png",
-    "report.html",
-    FINGERPRINT,
-    "yarns.h5",
-    "yarns.xdmf",
-    "open_in_paraview.py",
-    "animation.gif",
-    "error.csv",
-    "error.h5",
-    "error.xdmf",
-    "error.png",
-)
-
-
 class ResultsExistError(Exception):
-    """The results directory holds what must not be overwritten, or cannot be written."""
+    """The directory holds files that must not be overwritten, or cannot be written."""
 
 
 def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> Path:
-    """Make the results directory ready for a new run; collective.
+    """Prepare the results directory for a new run and return it; collective.
 
-    With ``overwrite`` the files of an earlier run are removed, and nothing else: a user's
-    own files stay, and a directory that wovenfab did not make is refused all the same.
-
-    Args:
-        path: The directory; it and its parents are made if missing.
-        overwrite: Whether the results of an earlier run may be replaced.
-        comm: The ranks that call; all of MPI's if None.
-
-    Returns:
-        The directory.
+    It is made, with its parents, if missing. With ``overwrite`` the files of an earlier run
+    are removed, and nothing else: a user's own files stay, and a directory that wovenfab did
+    not make is refused all the same.
 
     Raises:
-        ResultsExistError: The directory is in use or cannot be written; the message says
-            what to do.
+        ResultsExistError: The directory is in use or cannot be written.
     """
     directory = Path(path)
     on_root(world() if comm is None else comm, lambda: _prepare(directory, overwrite))
@@ -137,21 +97,12 @@ def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
 
 
 def require_free(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> None:
-    """Refuse early what :func:`open_results` would refuse, and change nothing; collective.
-
-    Args:
-        path: The directory.
-        overwrite: Whether the results of an earlier run may be replaced.
-        comm: The ranks that call; all of MPI's if None.
-
-    Raises:
-        ResultsExistError: The directory is in use; the message says what to do.
-    """
+    """Raise what :func:`open_results` would raise, but change nothing; collective."""
     on_root(world() if comm is None else comm, lambda: _refuse(Path(path), overwrite))
 
 
 def write_whole(path: Path, text: str) -> None:
-    """Write a file such that a reader finds the old text or the new one, never a part."""
+    """Replace a file in one operation: a reader sees the old text or the new one."""
     part = path.with_name(f".{path.name}.part")
     part.write_text(text, encoding="utf-8")
     part.replace(path)
@@ -179,22 +130,16 @@ def _prepare(directory: Path, overwrite: bool) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if overwrite:
-            _clear(directory)
+            for name in (*FILES, MARKER):  # the marker last
+                (directory / name).unlink(missing_ok=True)
+                (directory / f".{name}.part").unlink(missing_ok=True)
         (directory / MARKER).touch(exist_ok=False)
-    except FileExistsError:  # another run was quicker
+    except FileExistsError:  # another run made it in between
         raise _exists(directory) from None
     except OSError as error:
         raise ResultsExistError(
             f"{directory} cannot be written ({error.strerror}); choose another directory with -o"
         ) from None
-
-
-def _clear(directory: Path) -> None:
-    """Remove an earlier run's files, the marker last."""
-    for name in FILES:
-        (directory / name).unlink(missing_ok=True)
-        (directory / f".{name}.part").unlink(missing_ok=True)
-    (directory / MARKER).unlink(missing_ok=True)
 
 
 def _exists(directory: Path) -> ResultsExistError:

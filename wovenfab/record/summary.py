@@ -1,11 +1,14 @@
-"""The summary of a run: one JSON file of figures that people quote."""
+"""Figures of a run and of its cycles: ``summary.json`` and ``cycles.csv``."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import platform
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,17 +17,138 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
-from wovenfab.record.cycles import cycles
+from wovenfab.record.bias_extension import BiasExtension, mean_shear_angle
+from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.record.results import this_process, write_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
 SUMMARY = "summary.json"
+CYCLES = "cycles.csv"
+#: Columns of ``history.csv``.
+Columns = Mapping[str, NDArray[np.float64]]
+Figure = float | bool | None
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """The figures of one cycle.
+
+    Attributes:
+        start, end: Times (s) at which it begins and ends, or should have ended.
+        complete: Whether the run reached the end; if not, the figures are those so far.
+        peak_time, peak_displacement: Reversal (s, m): farthest from where it began.
+        peak_force, residual_force: Force of largest size, and at the end (N).
+        secant_stiffness: Slope from the start to the reversal (N/m).
+        loop_area: Integral of force over displacement, by trapezoids (J).
+        stored_at_peak, dissipated: Energy at the reversal, and lost by all effects (J).
+        imbalance: Change of the energy imbalance (J).
+    """
+
+    start: float
+    end: float
+    complete: bool
+    peak_time: float
+    peak_displacement: float
+    peak_force: float
+    residual_force: float
+    secant_stiffness: float | None
+    loop_area: float
+    stored_at_peak: float
+    dissipated: float
+    imbalance: float
+
+    @property
+    def loss_ratio(self) -> float | None:
+        """Loop area over stored energy; None for part of a loop, or where nothing is stored."""
+        stores = self.complete and self.stored_at_peak > 0
+        return self.loop_area / self.stored_at_peak if stores else None
+
+    def as_dict(self) -> dict[str, Figure]:
+        """Return the figures by name with unit, as in ``summary.json``."""
+        return {
+            "start_s": self.start,
+            "end_s": self.end,
+            "complete": self.complete,
+            "peak_time_s": self.peak_time,
+            "peak_displacement_m": self.peak_displacement,
+            "peak_force_N": self.peak_force,
+            "residual_force_N": self.residual_force,
+            "secant_stiffness_N_per_m": self.secant_stiffness,
+            "loop_area_J": self.loop_area,
+            "stored_at_peak_J": self.stored_at_peak,
+            "loss_ratio": self.loss_ratio,
+            "dissipated_J": self.dissipated,
+            "imbalance_J": self.imbalance,
+        }
+
+
+def cycles(history: Columns, spans: Iterable[tuple[float, float]]) -> list[Cycle]:
+    """Return the figures of each cycle that the history entered.
+
+    Args:
+        history: Columns of ``history.csv``.
+        spans: Times (s) at which each cycle begins and ends, in order.
+    """
+    time = history["time_s"]
+    if len(time) < 2:
+        return []
+    slack = 1e-9 * (time[-1] - time[0])
+    return [
+        _cycle(history, start, end, bool(end <= time[-1] + slack))
+        for start, end in spans
+        if start < time[-1] - slack
+    ]
+
+
+def window(history: Columns, start: float, end: float) -> dict[str, NDArray[np.float64]]:
+    """Return the history from ``start`` to ``end`` (s), with interpolated rows at both.
+
+    Where the history stops before ``end``, so does the window.
+    """
+    time = history["time_s"]
+    end = min(end, float(time[-1]))
+    # a step that ends a rounding error beside the boundary is not a point of its own
+    slack = 1e-9 * (end - start)
+    inner = time[(time > start + slack) & (time < end - slack)]
+    times = np.concatenate([[start], inner, [end]])
+    return {name: np.interp(times, time, values) for name, values in history.items()}
+
+
+def write_cycles(
+    directory: str | Path,
+    history: Columns,
+    spans: Iterable[tuple[float, float]],
+    specimen: BiasExtension | None,
+) -> None:
+    """Write ``cycles.csv`` if there is a cycle; on one rank, after the fields.
+
+    A bias-extension test has its ``specimen``, which adds columns; see :func:`cycles`.
+    """
+    rows: list[dict[str, Figure]] = []
+    for number, cycle in enumerate(cycles(history, spans), 1):
+        row: dict[str, Figure] = {"cycle": number, **cycle.as_dict()}
+        rows.append(row | (_shear(cycle, history, specimen, directory) if specimen else {}))
+    if rows:
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
+        write_whole(Path(directory) / CYCLES, text.getvalue())
+
+
+def read_cycles(directory: str | Path) -> list[dict[str, str]]:
+    """Return the rows of ``cycles.csv`` as texts; none if there is no file."""
+    path = Path(directory) / CYCLES
+    if not path.exists():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
 
 
 def summarise(
-    history: Mapping[str, NDArray[np.float64]],
+    history: Columns,
     spans: Iterable[tuple[float, float]],
     *,
     outcome: str,
@@ -41,23 +165,22 @@ def summarise(
         spans: Times (s) at which each cycle begins and ends, in order.
         outcome: ``"finished"``, or the reason of the failure in plain words.
         unknowns: Number of unknowns.
-        cut_backs: How often a step was restored and retried with a smaller size.
+        cut_backs: How often a step was rejected and retried with a smaller size.
         seconds: Wall time of each phase (s).
         ranks: Number of MPI ranks.
         losses: Figures of each loss of stability.
     """
-    rows = len(history["step"])
-    iterations = history["newton_iterations"][1:]  # the first row is the start, not a step
+    rows, force = len(history["step"]), history["force_N"]
+    iterations = history["newton_iterations"][1:]  # the first row is the initial state
     origin = this_process(ranks)
-    peak = int(np.abs(history["force_N"]).argmax()) if rows else None
     return {
         "outcome": outcome,
         "command": origin.command,
         "commit": origin.commit,
         "steps": len(iterations),
         "end_s": float(history["time_s"][-1]) if rows else None,
-        "peak_force_N": None if peak is None else float(history["force_N"][peak]),
-        "peak_force_at_m": None if peak is None else float(history["displacement_m"][peak]),
+        "peak_force_N": peak_force(force) if rows else None,
+        "peak_force_at_m": float(history["displacement_m"][index_of_peak(force)]) if rows else None,
         "dissipated_J": float(history["dissipated_J"][-1]) if rows else None,
         "work_J": float(history["work_J"][-1]) if rows else None,
         "worst_imbalance_J": float(np.abs(history["imbalance_J"]).max()) if rows else None,
@@ -78,11 +201,13 @@ def summarise(
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what computed: wovenfab, dolfinx, PETSc, Python."""
+    """Return the versions of wovenfab, dolfinx, PETSc and Python."""
+    # not loaded here: that would wait for other ranks
+    petsc: Any = sys.modules.get("petsc4py.PETSc")
     return {
         "wovenfab": _version("wovenfab"),
         "dolfinx": _version("fenics-dolfinx"),
-        "petsc": _petsc_version(),
+        "petsc": ".".join(map(str, petsc.Sys.getVersion())) if petsc else _version("petsc4py"),
         "python": platform.python_version(),
     }
 
@@ -90,12 +215,7 @@ def versions() -> dict[str, str]:
 def write_summary(
     directory: str | Path, summary: Mapping[str, Any], comm: MPI.Comm | None = None
 ) -> None:
-    """Write ``summary.json`` in one go; rank 0 writes, all call.
-
-    Args:
-        directory: The results directory.
-        summary: What :func:`summarise` returned, or more.
-        comm: The ranks that call; all of MPI's if None.
+    """Write ``summary.json`` in one operation; rank 0 writes, all call.
 
     Raises:
         ValueError: A number is not finite; on every rank, and nothing is written.
@@ -114,6 +234,53 @@ def read_summary(directory: str | Path) -> dict[str, Any]:
     return content
 
 
+def _cycle(history: Columns, start: float, end: float, complete: bool) -> Cycle:
+    part = window(history, start, end)
+    u, force = part["displacement_m"], part["force_N"]
+    turn = int(np.abs(u - u[0]).argmax())
+    way = float(u[turn] - u[0])
+    return Cycle(
+        start=float(start),
+        end=float(end),
+        complete=complete,
+        peak_time=float(part["time_s"][turn]),
+        peak_displacement=float(u[turn]),
+        peak_force=peak_force(force),
+        residual_force=float(force[-1]),
+        secant_stiffness=float(force[turn] - force[0]) / way if way else None,
+        loop_area=float(np.trapezoid(force, u)),
+        stored_at_peak=float(part["energy_J"][turn]),
+        dissipated=float(part["dissipated_J"][-1] - part["dissipated_J"][0]),
+        imbalance=float(part["imbalance_J"][-1] - part["imbalance_J"][0]),
+    )
+
+
+def _shear(
+    cycle: Cycle, history: Columns, specimen: BiasExtension, directory: str | Path
+) -> dict[str, Figure]:
+    """Return shear angles (rad) and normalised shear force (N/m) at the reversal of a cycle.
+
+    Unknown figures are None: the angle in the field if none was stored at that time, the
+    force if the way to the reversal does not begin at rest or turns in between.
+    """
+    way = window(history, cycle.start, cycle.peak_time)
+    angle = specimen.shear_angle(specimen.elongation(way["displacement_m"]))
+    ascending = abs(angle[0]) < 1e-9 and bool((np.diff(angle) > 0).all())
+    tension = specimen.tension(way["force_N"])
+    force = float(specimen.shear_force(angle, tension)[-1]) if ascending else None
+    return {
+        "shear_angle_kinematic_rad": None if np.isnan(angle[-1]) else float(angle[-1]),
+        "shear_angle_field_rad": mean_shear_angle(directory, cycle.peak_time, specimen),
+        "normalised_shear_force_N_per_m": force,
+    }
+
+
+def _cell(value: Figure) -> str:
+    if value is None:
+        return ""
+    return str(value).lower() if isinstance(value, bool) else repr(value)
+
+
 def _plain(value: Any) -> Any:
     """Return numpy's numbers and arrays as Python's."""
     if isinstance(value, np.generic | np.ndarray):
@@ -126,11 +293,3 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:  # run from the source tree, perhaps
         return str(getattr(sys.modules.get(package), "__version__", "unknown"))
-
-
-def _petsc_version() -> str:
-    # asked only if it is loaded: loading it here, on one rank, would wait for the others
-    petsc: Any = sys.modules.get("petsc4py.PETSc")
-    if petsc is None:
-        return _version("petsc4py")
-    return ".".join(map(str, petsc.Sys.getVersion()))

@@ -1,84 +1,24 @@
-"""The chart of what each effect costs.
-
-Work-precision diagrams: the error that is left against what it costs.
-"""
+"""Pictures of studies: the costs of effects, and work-precision diagrams."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import ceil, floor, log10
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from wovenfab.report.style import INK, QUIET, WIDTH, house_style, save, sequence
-from wovenfab.study.accuracy.study import TARGETS, Run, Study
-from wovenfab.study.accuracy.table import QUANTITIES
+from wovenfab.report.style import APART, QUIET, WIDTH, Values, house_style, save, sequence
+from wovenfab.study.accuracy.study import QUANTITIES, TARGETS, Run, Study
 from wovenfab.study.effects import Row
 
-
-def draw_costs(rows: Sequence[Row], path: Path) -> Path:
-    """Draw compile time, time of a step and unknowns of each scene as bars.
-
-    Args:
-        rows: The study; scenes that are not well posed are left out.
-        path: The PNG file.
-    """
-    shown = [(row.scene, row.cost) for row in rows if row.cost is not None]
-    names = [scene for scene, _ in shown]
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 0.9 + 0.28 * len(shown)))
-        axes = figure.subplots(1, 3, sharey=True)
-        light, dark = sequence(2)
-        _bars(axes[0], names, [c.unknowns / 1e3 for _, c in shown], "unknowns (thousand)", dark)
-        _bars(axes[1], names, [c.compile for _, c in shown], "compilation (s)", dark)
-        parts = (
-            (c.tangents * c.assembly, c.factorisations * c.factorisation, c.step) for _, c in shown
-        )
-        _stack(axes[2], names, [tuple(1e3 * t for t in part) for part in parts], (dark, light))
-        axes[0].invert_yaxis()
-        figure.legend(loc="outside upper right", ncols=3, fontsize=7, columnspacing=1.0)
-        return save(figure, path)
-
-
-def _bars(
-    axes: Axes, names: Sequence[str], sizes: Sequence[float], label: str, colour: tuple[float, ...]
-) -> None:
-    bars = axes.barh(names, sizes, color=colour, height=0.65)
-    axes.bar_label(bars, fmt="%.1f", padding=2, fontsize=7)
-    _finish(axes, label)
-
-
-def _stack(
-    axes: Axes,
-    names: Sequence[str],
-    parts: Sequence[tuple[float, ...]],
-    colours: tuple[tuple[float, ...], tuple[float, ...]],
-) -> None:
-    """Draw assembly, factorisation and the rest of a step, ms."""
-    assembly, factorisation, step = zip(*parts, strict=True)
-    rest = [s - a - f for a, f, s in parts]
-    both = [a + f for a, f, _ in parts]
-    axes.barh(names, assembly, color=colours[0], height=0.65, label="assembly")
-    axes.barh(
-        names, factorisation, left=assembly, color=colours[1], height=0.65, label="factorisation"
-    )
-    bars = axes.barh(names, rest, left=both, color=QUIET, height=0.65, label="rest")
-    axes.bar_label(bars, labels=[f"{s:.0f}" for s in step], padding=2, fontsize=7)
-    _finish(axes, "a step (ms)")
-
-
-def _finish(axes: Axes, label: str) -> None:
-    axes.set_xlabel(label)
-    axes.grid(axis="y", visible=False)
-    axes.margins(x=0.15)
-    axes.tick_params(axis="y", length=0)
-
-
-#: What a run costs.
+#: Sizes and colour of the parts of stacked bars.
+Parts = Mapping[str, tuple[Values, Any]]
 _Cost = Callable[[Run], float]
 _COSTS: dict[str, _Cost] = {
     "unknowns": lambda r: r.measured.unknowns,
@@ -86,37 +26,68 @@ _COSTS: dict[str, _Cost] = {
     "wall time (s)": lambda r: r.measured.wall,
     "peak memory (MB)": lambda r: r.measured.memory / 1e6,
 }
+#: The costs that are shown of each stage.
 _SHOWN = {
     "space": ("unknowns", "wall time (s)", "peak memory (MB)"),
     "time": ("steps", "wall time (s)"),
     "both": ("wall time (s)", "peak memory (MB)"),
 }
-#: Curves without an order, apart for the colour-blind (Okabe and Ito, 2008) and in print.
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
 _MARKERS = "osD^vPX"
 #: Errors are not drawn below this share, where they are round-off.
 _LEAST = 1e-8
-#: An axis shows at least so many times its smallest value.
+#: Smallest ratio of the ends of an axis.
 _SPAN = 4.0
 
 
-def draw_work_precision(found: Study, directory: Path, name: str = "accuracy") -> list[Path]:
+def draw_costs(rows: Sequence[Row], path: Path) -> Path:
+    """Draw unknowns, compile time and time of a step of each well-posed scene as bars."""
+    shown = {row.scene: row.cost for row in rows if row.cost is not None}
+    costs, light, dark = list(shown.values()), *sequence(2)
+    assembly = np.array([1e3 * c.tangents * c.assembly for c in costs])
+    factorisation = np.array([1e3 * c.factorisations * c.factorisation for c in costs])
+    steps = np.array([1e3 * c.step for c in costs])
+    parts: Parts = {
+        "assembly": (assembly, dark),
+        "factorisation": (factorisation, light),
+        "rest": (steps - assembly - factorisation, QUIET),
+    }
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 0.9 + 0.28 * len(shown)))
+        left, middle, right = figure.subplots(1, 3, sharey=True)
+        unknowns = {"_": (np.array([c.unknowns / 1e3 for c in costs]), dark)}
+        _bars(left, list(shown), "unknowns (thousand)", unknowns)
+        compilation = {"_": (np.array([c.compile for c in costs]), dark)}
+        _bars(middle, list(shown), "compilation (s)", compilation)
+        _bars(right, list(shown), "a step (ms)", parts, "%.0f")
+        left.invert_yaxis()
+        figure.legend(loc="outside upper right", ncols=3, fontsize=7, columnspacing=1.0)
+        return save(figure, path)
+
+
+def _bars(axes: Axes, names: Sequence[str], title: str, parts: Parts, digits: str = "%.1f") -> None:
+    """Draw stacked bars, of each part its sizes and colour, with the sum at the end."""
+    left: Values = np.zeros(len(names))
+    for label, (sizes, colour) in parts.items():
+        bars = axes.barh(names, sizes, 0.65, left, color=colour, label=label)
+        left = left + sizes
+    axes.bar_label(bars, [digits % total for total in left], padding=2, fontsize=7)
+    axes.set_xlabel(title)
+    axes.grid(axis="y", visible=False)
+    axes.margins(x=0.15)
+    axes.tick_params(axis="y", length=0)
+
+
+def draw_work_precision(study: Study, directory: Path, name: str = "accuracy") -> list[Path]:
     """Draw a diagram for each stage that has runs, log-log, one curve a method.
 
-    Args:
-        found: The study.
-        directory: Where the PNG files go.
-        name: How their names begin.
-
-    Returns:
-        The files, ``<name>-space.png`` and so on.
+    Returns the files ``<name>-space.png`` and so on.
     """
-    stages = (("space", found.space), ("time", found.time), ("both", found.both))
-    return [_draw(found, s, runs, directory / f"{name}-{s}.png") for s, runs in stages if runs]
+    stages = (("space", study.space), ("time", study.time), ("both", study.both))
+    return [_draw(study, s, runs, directory / f"{name}-{s}.png") for s, runs in stages if runs]
 
 
-def _draw(found: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
-    quantities, costs = list(found.best[stage]), _SHOWN[stage]
+def _draw(study: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
+    quantities, costs = list(study.best[stage]), _SHOWN[stage]
     with house_style():
         figure = Figure(figsize=(WIDTH, 0.75 + 1.85 * len(quantities)))
         grid = figure.subplots(
@@ -124,7 +95,7 @@ def _draw(found: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
         )
         for row, quantity in zip(grid, quantities, strict=True):
             for axes, cost in zip(row, costs, strict=True):
-                _curves(axes, found, stage, runs, quantity, _COSTS[cost])
+                _curves(axes, study, stage, runs, quantity, _COSTS[cost])
             title = QUANTITIES[quantity][0].replace(" per cycle", "\nper cycle")
             row[0].set_ylabel(f"error of {title}")
             row[0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
@@ -141,28 +112,20 @@ def _draw(found: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
 
 
 def _curves(
-    axes: Axes, found: Study, stage: str, runs: Sequence[Run], quantity: str, cost: _Cost
+    axes: Axes, study: Study, stage: str, runs: Sequence[Run], quantity: str, cost: _Cost
 ) -> None:
-    """Draw one curve a method; hollow where the best answer is no better known than the run."""
-    least = max(found.best[stage][quantity].relative, _LEAST)
+    """Draw one curve a method; hollow if the error is below the uncertainty of the reference."""
+    least = max(study.best[stage][quantity].relative, _LEAST)
     for number, method in enumerate(dict.fromkeys(r.setting.method for r in runs)):
-        mine = [r for r in runs if r.setting.method == method]
-        errors = [found.errors(r)[quantity] for r in mine]
-        costs = [cost(r) for r in mine]
-        colour, marker = _COLOURS[number % len(_COLOURS)], _MARKERS[number % len(_MARKERS)]
+        own = [r for r in runs if r.setting.method == method]
+        errors = np.array([study.errors(r)[quantity] for r in own])
+        costs, shown, hollow = [cost(r) for r in own], np.maximum(errors, least), errors <= least
+        style = {"color": APART[number % len(APART)], "markersize": 4.5, "linestyle": "none"}
+        style["marker"] = _MARKERS[number % len(_MARKERS)]
         if stage != "both":
-            axes.loglog(costs, [max(e, least) for e in errors], color=colour, linewidth=1.2)
-        for hollow in (False, True):
-            axes.loglog(
-                costs,
-                [max(e, least) if (e <= least) is hollow else float("nan") for e in errors],
-                color=colour,
-                marker=marker,
-                linestyle="none",
-                markersize=4.5,
-                markerfacecolor="white" if hollow else colour,
-                label=None if hollow else method,
-            )
+            axes.loglog(costs, shown, color=style["color"], linewidth=1.2)
+        axes.loglog(costs, np.where(hollow, np.nan, shown), label=method, **style)
+        axes.loglog(costs, np.where(hollow, shown, np.nan), markerfacecolor="white", **style)
     for target in TARGETS:
         axes.axhline(target, color=QUIET, linewidth=0.6, linestyle=":", zorder=0)
 

@@ -1,33 +1,54 @@
-"""The house style of all pictures: sober, readable in print and by the colour-blind."""
+"""The house style of all pictures: colours, units, scales of fields, and files with provenance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import io
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.axes import Axes
+from matplotlib.collections import TriMesh
+from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+from PIL import Image, PngImagePlugin
 
+from wovenfab import __version__
+from wovenfab.record.fields import StoredFields
 from wovenfab.record.results import Provenance, this_process
-from wovenfab.report.metadata import stamp
 
+MAKER = f"wovenfab {__version__}"
+Values = NDArray[np.float64]
 #: Text width of a two-column page (in).
 WIDTH = 7.0
 INK = "#1a1a1a"
 QUIET = "#8a8a8a"
-#: Colours of the two yarn families, apart from each other and from every colour of a field.
+#: Colours of the two yarn families, distinct from each other and from the colours of fields.
 YARNS = ("#1a1a1a", "#1f5fa8")
-
-#: Colours of things that have no order, apart for the colour-blind (Okabe and Ito, 2008).
+#: Colours without an order, distinct for the colour-blind (Okabe and Ito, 2008).
 APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
 #: Line styles that go with them, for print.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1.5, 1.5, 1.5)))
+#: Resolution of pictures (1/in).
+DPI = 220
+#: Colours in a PNG: frequent ones for gradients, and others for rare ones in lines and keys.
+COLOURS = (192, 64)
 
+#: Share (%) of the values within the colours; the rest, mostly at corners, has the last colour.
+SHARE = 99.5
+#: Size of a field up to which it is round-off, by unit; sheets may be small, and so lengths.
+NOTHING = {"rad": 1e-8, "1": 1e-8, "1/m": 1e-8, "m": 1e-13}
+
+
+_DUBLIN_CORE = "{http://purl.org/dc/elements/1.1/}"
 _SETTINGS = {
     "font.family": "sans-serif",
     "font.sans-serif": ["DejaVu Sans"],
@@ -58,7 +79,6 @@ _SETTINGS = {
     "legend.fontsize": 8.5,
     "svg.fonttype": "none",
     "svg.hashsalt": "wovenfab",
-    "savefig.dpi": 220,
     "savefig.bbox": "tight",
     "savefig.pad_inches": 0.08,
     "figure.constrained_layout.use": True,
@@ -75,6 +95,48 @@ class Unit:
 
 MILLIMETRE = Unit("mm", 1e3)
 DEGREE = Unit("°", 57.29577951308232)
+DISPLACEMENT = f"displacement ({MILLIMETRE.name})"
+
+
+@dataclass(frozen=True)
+class FieldStyle:
+    """The name of a scalar field in words, and whether its sign means something."""
+
+    label: str
+    signed: bool = False
+
+
+@dataclass(frozen=True)
+class Scale:
+    """One scale of colours for a field in several pictures.
+
+    Attributes:
+        label: Name and unit.
+        factor: From SI to that unit.
+        ramp: Colours.
+        norm: First and last value of the colours, in the unit.
+        extend: Which ends have values beyond, in matplotlib's words.
+    """
+
+    label: str
+    factor: float
+    ramp: Colormap
+    norm: Normalize
+    extend: str
+
+    def __call__(self, values: Values) -> Values:
+        """Return values (SI) in the unit of the scale."""
+        return values * self.factor
+
+
+FIELD_STYLES = {
+    "beta": FieldStyle("slip between the families β"),
+    "shear_angle": FieldStyle("shear angle \N{GREEK SMALL LETTER GAMMA}"),
+    "curvature_1": FieldStyle("curvature of family 1, κ₁"),
+    "curvature_2": FieldStyle("curvature of family 2, κ₂"),
+    "stretch_1": FieldStyle("strain of family 1", signed=True),
+    "stretch_2": FieldStyle("strain of family 2", signed=True),
+}
 
 
 @contextmanager
@@ -93,11 +155,16 @@ def readable(unit: str, largest: float) -> Unit:
     return Unit("µ" + unit, 1e6) if size > 0 else Unit(unit, 1.0)
 
 
-def said(value: float, unit: str) -> str:
-    """Return a value (SI) as people write it, ``535 N``, with three digits."""
+def quantity(value: float, unit: str) -> str:
+    """Return a value (SI) as text with three digits in a readable unit, ``535 N``."""
     shown = readable(unit, value)
     number = f"{value * shown.factor:.3g}".replace("-", "\N{MINUS SIGN}")
     return f"{number}\N{NO-BREAK SPACE}{shown.name}"
+
+
+def millimetres(value: float) -> str:
+    """Return a length (m) as text with three digits, ``20 mm``."""
+    return f"{value * MILLIMETRE.factor:.3g} {MILLIMETRE.name}"
 
 
 def sequence(count: int) -> list[tuple[float, ...]]:
@@ -109,24 +176,166 @@ def sequence(count: int) -> list[tuple[float, ...]]:
 
 
 def fill() -> Colormap:
-    """Return the map of fields: nothing is pale, much is strong, never as dark as a yarn."""
+    """Return the colours of fields, pale for zero and never as dark as a yarn."""
     ramp = mpl.colormaps["YlOrBr"]
     return LinearSegmentedColormap.from_list("fill", [ramp(0.74 * i / 63) for i in range(64)])
 
 
 def both_ways() -> Colormap:
-    """Return the map of fields with a sign: nothing is white, neither end as dark as a yarn."""
+    """Return the colours of fields with a sign, white for zero and never as dark as a yarn."""
     ramp, shares = mpl.colormaps["RdBu_r"], np.linspace(0.14, 0.86, 65)
     return LinearSegmentedColormap.from_list("both ways", [ramp(share) for share in shares])
 
 
-def save(figure: Figure, path: Path, origin: Provenance | None = None) -> Path:
+def shown_fields(stored: StoredFields) -> list[str]:
+    """Return the stored fields that pictures can show, the most informative ones first."""
+    return [name for name in FIELD_STYLES if name in stored.units]
+
+
+def main_field(stored: StoredFields, index: int) -> str | None:
+    """Return the first of the shown fields that is not zero at a stored time, if there are any."""
+    names = shown_fields(stored)
+    sizes = ((name, _size(stored.field(name, index))) for name in names)
+    nonzero = (name for name, size in sizes if size > NOTHING[stored.units[name]])
+    return next(nonzero, names[0] if names else None)
+
+
+def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
+    """Return the common scale of a field with its SI unit; ``values`` (SI) of each picture."""
+    style = FIELD_STYLES[name]
+    everything = np.concatenate(values)
+    size = _size(everything)
+    size = size if size > NOTHING[unit] else 1.0
+    shown = _unit(unit, size)
+    low, high = float(everything.min()), float(everything.max())
+    signed = style.signed or low < -0.2 * size
+    first = -size if signed else 0.0
+    beyond = (low < first - 1e-9 * size, high > size + 1e-9 * size)
+    return Scale(
+        label=f"{style.label} ({shown.name})",
+        factor=shown.factor,
+        ramp=both_ways() if signed else fill(),
+        norm=Normalize(first * shown.factor, size * shown.factor),
+        extend={(1, 1): "both", (1, 0): "min", (0, 1): "max"}.get(beyond, "neither"),
+    )
+
+
+def colour_bar(
+    figure: Figure,
+    axes: Any,
+    painted: TriMesh,
+    scale: Scale,
+    shrink: float = 0.5,
+    aspect: float = 40,
+) -> None:
+    """Draw the colour bar of a painted field below its axes, one or several."""
+    figure.colorbar(
+        painted,
+        ax=axes,
+        label=scale.label,
+        extend=scale.extend,
+        ticks=MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]),
+        shrink=shrink,
+        aspect=aspect,
+        location="bottom",
+    )
+
+
+def zero_line(axes: Axes) -> None:
+    """Draw the line of zero."""
+    axes.axhline(0, color=QUIET, linewidth=0.7, zorder=1)
+
+
+def label_sheet(axes: Axes, title: str = "", subtitle: str = "") -> None:
+    """Label axes in which a sheet is drawn (mm), with a subtitle below the title."""
+    if title or subtitle:
+        axes.set_title(title, pad=22)
+        style: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        axes.annotate(subtitle, (0, 1), xytext=(0, 8), **style)
+    axes.set_xlabel(f"x ({MILLIMETRE.name})")
+    axes.set_ylabel(f"y ({MILLIMETRE.name})")
+    axes.grid(visible=False)
+
+
+def save(figure: Figure, path: Path, origin: Provenance | None = None, dpi: float = DPI) -> Path:
     """Write a figure such that equal data give equal files; return ``path``.
 
     Args:
         figure: The figure.
         path: The file, ``.png`` or ``.svg``.
-        origin: What made the data, which the file tells; this process if None.
+        origin: Provenance of the data, which the file states; this process if None.
+        dpi: Resolution of a PNG.
+
+    Raises:
+        ValueError: Another kind of file.
     """
-    figure.savefig(path, metadata=stamp(path.suffix, origin or this_process()))
+    origin = origin or this_process()
+    if path.suffix == ".png":
+        data = io.BytesIO()
+        figure.savefig(data, format="png", dpi=dpi)
+        with Image.open(data) as picture:
+            return write_png(picture, path, origin)
+    if path.suffix != ".svg":
+        raise ValueError(f"pictures are .png or .svg, not {path.suffix}")
+    about = {"Creator": MAKER, "Source": origin.command, "Identifier": origin.commit}
+    figure.savefig(path, metadata={"Date": None, **about})
     return path
+
+
+def write_png(picture: Image.Image, path: Path, origin: Provenance) -> Path:
+    """Write a picture in a palette of colours, with its provenance; return ``path``."""
+    about = PngImagePlugin.PngInfo()
+    for name, value in _metadata(origin).items():
+        about.add_text(name, value)
+    _with_palette(picture.convert("RGB")).save(path, optimize=True, pnginfo=about)
+    return path
+
+
+def gif_comment(origin: Provenance) -> bytes:
+    """Return the comment with which a GIF states its provenance."""
+    return "\n".join(f"{name}: {value}" for name, value in _metadata(origin).items()).encode()
+
+
+def read_provenance(path: Path) -> Provenance:
+    """Return the provenance that a picture (PNG, SVG, GIF) states; empty if none."""
+    if path.suffix == ".svg":
+        tree = ET.parse(path)
+        command, commit = (
+            tree.findtext(f".//{_DUBLIN_CORE}{name}") or "" for name in ("source", "identifier")
+        )
+        return Provenance(command, commit)
+    with Image.open(path) as picture:
+        about = dict(picture.info)
+    if path.suffix == ".gif":
+        about = dict(re.findall(r"(\w+): (.*)", bytes(about.get("comment", b"")).decode()))
+    return Provenance(about.get("Command", ""), about.get("Commit", ""))
+
+
+def _with_palette(picture: Image.Image) -> Image.Image:
+    """Return a picture on white with a palette of colours, a third of the size."""
+    smooth = picture.quantize(COLOURS[0], Image.Quantize.MEDIANCUT)
+    rare = picture.quantize(COLOURS[1], Image.Quantize.MAXCOVERAGE)
+    parts = zip((smooth, rare), COLOURS, strict=True)
+    entries = np.concatenate([np.array(part.getpalette())[: 3 * count] for part, count in parts])
+    palette = Image.new("P", (1, 1))
+    palette.putpalette(entries.tolist())
+    small = picture.quantize(palette=palette, dither=Image.Dither.NONE)
+    entries[3 * np.bincount(np.asarray(small).ravel()).argmax() :][:3] = 255  # mostly paper
+    small.putpalette(entries.tolist())
+    return small
+
+
+def _metadata(origin: Provenance) -> dict[str, str]:
+    return {"Software": MAKER, "Command": origin.command, "Commit": origin.commit}
+
+
+def _size(values: Values) -> float:
+    return float(np.percentile(np.abs(values), SHARE))
+
+
+def _unit(unit: str, size: float) -> Unit:
+    if unit == "rad":
+        return DEGREE
+    if unit == "1":
+        return Unit("%", 1e2) if size >= 1e-3 else Unit("10⁻⁶", 1e6)
+    return Unit("1/m", 1.0) if unit == "1/m" else readable(unit, size)

@@ -1,7 +1,4 @@
-"""Material lines and the outline of a sheet, from the triangles on which fields are stored.
-
-The yarns of a run over time, as lines that ParaView opens.
-"""
+"""Yarns as material lines on the stored triangles, in pictures and as a series for ParaView."""
 
 from __future__ import annotations
 
@@ -13,13 +10,17 @@ import pyvista as pv
 from numpy.typing import NDArray
 
 from wovenfab.record.field_file import FieldFile, polylines
-from wovenfab.record.stored_fields import StoredFields
+from wovenfab.record.fields import StoredFields
+from wovenfab.record.results import write_whole
 from wovenfab.report.run_data import RunData
-from wovenfab.report.sheet import YARNS_ALONG, displacements
 
 Values = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Polyline = NDArray[np.float64]
+#: Number of yarns of a family along the longest side of the sheet, about.
+YARNS_ALONG = 30
+#: Name of the two files of the series, without suffix, and of the script that shows it.
+SERIES, SCRIPT = "yarns", "open_in_paraview.py"
 #: Sides of a triangle, as the numbers of their ends.
 _SIDES = np.array([[0, 1], [1, 2], [2, 0]])
 
@@ -36,8 +37,13 @@ class Triangles:
     points: Values
     triangles: Numbers
 
+    @property
+    def length(self) -> float:
+        """Longest side of the sheet (m)."""
+        return float(np.ptp(self.points, axis=0).max())
+
     def surface(self) -> pv.PolyData:
-        """Return the mesh as VTK has it."""
+        """Return the mesh as VTK's data."""
         space = np.column_stack([self.points, np.zeros(len(self.points))])
         faces = np.column_stack([np.full(len(self.triangles), 3), self.triangles])
         return pv.PolyData(space, faces.ravel())
@@ -45,16 +51,16 @@ class Triangles:
 
 @dataclass(frozen=True)
 class Yarns:
-    """Yarns of one family as they lie on the mesh at rest, whatever happens to it.
+    """Yarns of one family on the mesh at rest, for all times.
 
-    A point of a yarn lies on the side of a triangle, so that a field there follows from its
-    values at both ends.
+    Each point of a yarn lies on a side of a triangle. A field there is interpolated between
+    both ends of the side.
 
     Attributes:
-        ends: Numbers of both ends in the mesh, shape (points, 2).
-        share: How far each point is from the first to the second, shape (points,).
+        ends: Mesh points at the ends of the sides, shape (points, 2).
+        share: Place of each point on its side, from 0 to 1, shape (points,).
         starts: Number of the first point of each piece of yarn, ascending from 0.
-        levels: Which yarn each piece belongs to, counted across the sheet.
+        levels: Number of the yarn of each piece, counted across the sheet.
     """
 
     ends: Numbers
@@ -66,16 +72,21 @@ class Yarns:
         """Return a field of the mesh, shape (n,) or (n, 2), at the points of the yarns."""
         share = self.share.reshape(-1, *[1] * (field.ndim - 1))
         first, second = field[self.ends[:, 0]], field[self.ends[:, 1]]
-        found: Values = (1 - share) * first + share * second
-        return found
+        values: Values = (1 - share) * first + share * second
+        return values
 
     def pieces(self, values: Values) -> list[Polyline]:
         """Return values at the points of the yarns, piece by piece."""
         return np.split(values, self.starts[1:]) if len(values) else []
 
+    def numbers(self) -> Values:
+        """Return the number of the yarn at each point."""
+        sizes = np.diff([*self.starts, len(self.share)])
+        return np.repeat(self.levels, sizes).astype(np.float64)
+
 
 def lay_yarns(mesh: Triangles, direction: Values, spacing: float) -> Yarns:
-    """Return equidistant yarns of a family, which end on the edge of the sheet.
+    """Return equidistant yarns of a family, from edge to edge of the sheet.
 
     Args:
         mesh: The stored mesh.
@@ -86,8 +97,8 @@ def lay_yarns(mesh: Triangles, direction: Values, spacing: float) -> Yarns:
     along = mesh.points @ direction
     middle = (across.min() + across.max()) / 2
     half = int((across.max() - across.min()) / (2 * spacing))
-    # a hair beside the middle: placements may jump across the fibres through corners, and
-    # a yarn must not lie on such a line, between its two sides
+    # slightly off the middle: placements may jump across the fibres through corners, and a
+    # yarn must not lie on such a line, between its two sides
     places = middle + spacing * (np.arange(-half, half) + 0.5 + 1e-4)
     level, ends, share = _cut(across[mesh.triangles], mesh.triangles, places)
     reach = (1 - share) * along[ends[..., 0]] + share * along[ends[..., 1]]
@@ -100,7 +111,7 @@ def lay_yarns(mesh: Triangles, direction: Values, spacing: float) -> Yarns:
     level, reach, share, ends = level[order], reach[order], share[order], ends[order]
     begins = np.ones(len(level), dtype=bool)
     begins[1:] = (level[1:] != level[:-1]) | (reach[1:, 0] > reach[:-1, 1] + gap)
-    # a piece is the beginning of each of its segments, and the end of its last one
+    # the points of a piece: the start of each of its segments, and the end of the last one
     closes = np.append(begins[1:], True)[: len(level)]
     kept = np.column_stack([np.ones(len(level), dtype=bool), closes])
     before = np.cumsum(kept.sum(axis=1)) - kept.sum(axis=1)
@@ -117,7 +128,7 @@ def _cut(across: Values, triangles: Numbers, places: Values) -> tuple[Numbers, N
 
     Returns:
         Of each segment the number of its line, shape (k,); both ends of the sides on which
-        it begins and ends, shape (k, 2, 2); how far it is along them, shape (k, 2).
+        it begins and ends, shape (k, 2, 2); its places on these sides, shape (k, 2).
     """
     first = np.searchsorted(places, across.min(axis=1))
     count = np.searchsorted(places, across.max(axis=1)) - first
@@ -127,7 +138,7 @@ def _cut(across: Values, triangles: Numbers, places: Values) -> tuple[Numbers, N
     distance[np.abs(distance) < 1e-12 * np.ptp(across)] = 0.0  # rounding makes no side
     beyond = distance > 0
     crossed = beyond[:, _SIDES[:, 0]] != beyond[:, _SIDES[:, 1]]
-    inside = crossed.sum(axis=1) == 2  # all but those that a corner touches
+    inside = crossed.sum(axis=1) == 2  # not those touched at a corner
     level, owner, distance = level[inside], owner[inside], distance[inside]
     sides = _SIDES[np.nonzero(crossed[inside])[1].reshape(-1, 2)]
     start, end = (np.take_along_axis(distance, sides[..., i], axis=1) for i in (0, 1))
@@ -138,16 +149,9 @@ def _cut(across: Values, triangles: Numbers, places: Values) -> tuple[Numbers, N
 def material_lines(
     mesh: Triangles, direction: Values, displacement: Values, spacing: float
 ) -> list[Polyline]:
-    """Return where equidistant yarns of a family are now.
+    """Return the displaced yarns of :func:`lay_yarns`: a polyline (m) for each piece.
 
-    Args:
-        mesh: The stored mesh.
-        direction: Reference direction of the family, shape (2,).
-        displacement: Displacement of the family (m), shape (n, 2).
-        spacing: Distance of the yarns in the reference (m).
-
-    Returns:
-        A polyline for each piece of yarn, each of shape (points, 2), in m.
+    The displacement (m) is that of the family, shape (n, 2).
     """
     yarns = lay_yarns(mesh, direction, spacing)
     return yarns.pieces(yarns.on(mesh.points + displacement))
@@ -157,76 +161,72 @@ def outline(mesh: Triangles, displacement: Values | None = None) -> list[Polylin
     """Return the edges of the sheet and of its holes, at rest or displaced, in m."""
     surface = mesh.surface()
     surface["displacement"] = np.zeros_like(mesh.points) if displacement is None else displacement
-    edges = _joined(surface).extract_feature_edges(
+    # one point of all that differ by rounding only
+    joined = surface.clean(tolerance=1e-9 * mesh.length, absolute=True, lines_to_points=False)
+    edges = joined.extract_feature_edges(
         boundary_edges=True, feature_edges=False, non_manifold_edges=False, manifold_edges=False
     )
     chains = edges.strip(join=True, max_length=10**7)
-    moved, found, rest = _moved(chains), [], chains.lines
+    moved = np.asarray(chains.points[:, :2] + chains["displacement"], dtype=np.float64)
+    chained, rest = [], chains.lines  # size and points of each, one after the other
     while len(rest):
-        found.append(moved[rest[1 : rest[0] + 1]])
+        chained.append(moved[rest[1 : rest[0] + 1]])
         rest = rest[rest[0] + 1 :]
-    return found
+    return chained
 
 
-def _joined(mesh: pv.PolyData) -> pv.PolyData:
-    """Make one point of all that differ by rounding only; of two values it takes one."""
-    tolerance = 1e-9 * float(np.ptp(mesh.points, axis=0).max())
-    return mesh.clean(tolerance=tolerance, absolute=True, lines_to_points=False)
-
-
-def _moved(mesh: pv.PolyData) -> Values:
-    """Return where the points are now (m), shape (n, 2)."""
-    return np.asarray(mesh.points[:, :2] + mesh["displacement"], dtype=np.float64)
-
-
-#: Name of the two files, without suffix.
-SERIES = "yarns"
+def displacements(stored: StoredFields) -> list[str]:
+    """Return the names of the displacement fields: one, or one for each family."""
+    return sorted(name for name in stored.units if name.split("_")[0] == "displacement")
 
 
 def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
-    """Write ``yarns.xdmf`` and ``yarns.h5`` with every stored time.
+    """Write ``yarns.xdmf`` and ``yarns.h5`` with every stored time, and return both.
 
-    A yarn is cut out of the sheet at rest and moves with its own family; its points have all
-    scalar fields, those of one family under their names without its number.
-
-    Args:
-        source: The run; its fibres must be known.
-        stored: Its fields.
-
-    Returns:
-        The two files.
+    A yarn is cut out of the sheet at rest and moves with its own family. Its points have all
+    scalar fields; those of one family have its name without the number. The directions of
+    the fibres must be known.
     """
     assert source.fibres is not None
     mesh = Triangles(stored.points(), stored.triangles())
-    spacing = float(np.ptp(mesh.points, axis=0).max()) / YARNS_ALONG
-    families = [lay_yarns(mesh, direction, spacing) for direction in source.fibres]
+    families = [lay_yarns(mesh, fibre, mesh.length / YARNS_ALONG) for fibre in source.fibres]
     rest = np.concatenate([yarns.on(mesh.points) for yarns in families])
     sizes = [len(piece) for y in families for piece in y.pieces(y.share)]
-    units = {"points": "m", "family": "1", "yarn": "1"} | _common(stored)
+    scalars = _scalars(stored)
+    units = {"points": "m", "family": "1", "yarn": "1"} | scalars
     file = FieldFile(source.directory, SERIES, polylines(sizes), rest, units, moving=True)
-    marks = {
+    numbers = {
         "family": np.repeat([1.0, 2.0], [len(yarns.share) for yarns in families]),
-        "yarn": np.concatenate([_numbers(yarns) for yarns in families]),
+        "yarn": np.concatenate([yarns.numbers() for yarns in families]),
     }
+
+    def on_yarns(name: str, index: int) -> Values:
+        """Return a field on the yarns of both families, of each its own where it has one."""
+        own = [f"{name}_{i}" if f"{name}_{i}" in stored.units else name for i in (1, 2)]
+        parts = [y.on(stored.field(n, index)) for y, n in zip(families, own, strict=True)]
+        return np.concatenate(parts)
+
     for index, (step, time) in enumerate(zip(stored.steps, stored.times, strict=True)):
-        moved = [
-            yarns.on(mesh.points + stored.field(_of(stored, "displacement", number), index))
-            for number, yarns in enumerate(families, 1)
-        ]
-        fields = {
-            name: np.concatenate(
-                [
-                    yarns.on(stored.field(_of(stored, name, number), index))
-                    for number, yarns in enumerate(families, 1)
-                ]
-            )
-            for name in _common(stored)
-        }
-        file.add(int(step), float(time), {"points": np.concatenate(moved), **marks, **fields})
+        fields = {name: on_yarns(name, index) for name in scalars}
+        points = rest + on_yarns("displacement", index)
+        file.add(int(step), float(time), {"points": points, **numbers, **fields})
     return [source.directory / f"{SERIES}.{kind}" for kind in ("xdmf", "h5")]
 
 
-def _common(stored: StoredFields) -> dict[str, str]:
+def write_viewer(directory: Path) -> Path:
+    """Write the script that shows a run in ParaView into its directory and return its path.
+
+    The script finds the results beside itself. Inside ParaView's window a script does not
+    know its own path, so it also has the path of the results.
+    """
+    text = (Path(__file__).parent / SCRIPT).read_text(encoding="utf-8")
+    results = f"RESULTS = {str(directory.resolve())!r}"
+    path = directory / SCRIPT
+    write_whole(path, text.replace('RESULTS = ""', results, 1))
+    return path
+
+
+def _scalars(stored: StoredFields) -> dict[str, str]:
     """Return names, without the family's number, and units of the scalar fields."""
     vectors = {*displacements(stored), "relative_displacement"}
     return {
@@ -234,15 +234,3 @@ def _common(stored: StoredFields) -> dict[str, str]:
         for name, unit in stored.units.items()
         if name not in vectors
     }
-
-
-def _of(stored: StoredFields, name: str, family: int) -> str:
-    """Return the field of a family, or the one that both share."""
-    own = f"{name}_{family}"
-    return own if own in stored.units else name
-
-
-def _numbers(yarns: Yarns) -> Values:
-    """Return the number of its yarn at each point."""
-    sizes = np.diff([*yarns.starts, len(yarns.share)])
-    return np.repeat(yarns.levels, sizes).astype(np.float64)

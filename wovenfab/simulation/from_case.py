@@ -5,7 +5,7 @@ From a case to the sheet, model, constraints, program and solver that it describ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from math import inf, pi
@@ -17,6 +17,7 @@ from mpi4py import MPI
 
 from wovenfab.case import (
     Case,
+    CaseError,
     Component,
     Cycles,
     EdgeCondition,
@@ -25,14 +26,14 @@ from wovenfab.case import (
     Ramp,
     Rectangle,
     Table,
-    blame_own,
     conditions_of,
+    custom_effect_errors,
 )
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value
 from wovenfab.sheet.aligned import aligned_sheet
-from wovenfab.sheet.gmsh_io import from_file, graded_rectangle, outline_from_file
+from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle, outline_from_file
 from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.sheet import Sheet, directions
 from wovenfab.sheet.structured import rectangle
@@ -96,31 +97,21 @@ def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
     return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
 
 
-class UnknownEdgeError(Exception):
-    """A case names an edge that its sheet does not have.
-
-    Attributes:
-        edge: The name.
-        known: Names of the sheet's edges.
-    """
-
-    def __init__(self, edge: str, known: Sequence[str]) -> None:
-        """Keep both for the message."""
-        super().__init__(f"the sheet has no edge {edge!r}; it has {', '.join(known)}")
-        self.edge, self.known = edge, tuple(known)
-
-
 def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     """Return the meshed sheet of a case; collective.
 
     Raises:
-        GeometryError: If a geometry file cannot be meshed, on every rank.
-        UnknownEdgeError: If a condition is for an edge that the sheet lacks.
+        CaseError: If the geometry cannot be meshed, or lacks an edge that the case names.
     """
-    sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
-    for name in case.boundary:
-        if name not in sheet.edges:
-            raise UnknownEdgeError(name, sorted(sheet.edges))
+    try:
+        sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
+    except GeometryError as error:
+        raise CaseError([case.problem("sheet.file", str(error))]) from error
+    missing = [name for name in case.boundary if name not in sheet.edges]
+    if missing:
+        known = f"It has {', '.join(sorted(sheet.edges))}."
+        key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
+        raise CaseError([case.problem(key, message, known)])
     return sheet
 
 
@@ -194,7 +185,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for name, _, edge in conditions
         if edge.force is not None
     ]
-    with blame_own(case.scene):
+    with custom_effect_errors(case.scene):
         return build_model(
             sheet,
             [term.effect for term in case.scene],

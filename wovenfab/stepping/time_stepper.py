@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from wovenfab.model.model import preserved
-from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
@@ -15,7 +16,11 @@ from wovenfab.stepping.stability import Stability, StabilityLoss, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, UnsoundSheetError
 from wovenfab.stepping.step_size import StepSizeControl
-from wovenfab.stepping.time_error import StepError, TimeErrorEstimator, rate_error
+
+if TYPE_CHECKING:
+    from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
+
+logger = logging.getLogger(__name__)
 
 
 class TimeStepper:
@@ -52,6 +57,8 @@ class TimeStepper:
         self._step_size = step_size(smallest_step)
         self._time_error: TimeErrorEstimator | None = None
         if tolerance and scheme.name == "bdf2" and solver.problem.model.history:
+            from wovenfab.stepping.time_error import TimeErrorEstimator
+
             self._time_error = TimeErrorEstimator(solver, tolerance)
         self._stability = Stability(solver, treatment)
         self._state = State(solver, program, scheme, predict)
@@ -114,6 +121,11 @@ class TimeStepper:
             if result.converged and not saddle:
                 error = self._estimate_error(until, jump)
                 if self._is_too_long(error, length, planned):
+                    assert error is not None
+                    logger.info(
+                        "t = %.6g s: step of %.3g s repeated with a shorter length: its error in "
+                        "time is %.2g", state.time, length, error.relative,
+                    )  # fmt: skip
                     self._cutbacks += 1
                     state.restore()
                     continue
@@ -123,12 +135,18 @@ class TimeStepper:
                     step_size.accepted(length, result.tangents)
                 loss = self._stability.passed()
                 if loss is not None:
+                    logger.info("%s; the branch is followed", loss)
                     step_size.bracketed(length)
                 jump = loss is not None
                 yield self._record(result, end if until == end.time else None, loss)
                 self._cutbacks = 0
                 continue
             self._cutbacks += 1
+            logger.info(
+                "t = %.6g s: step of %.3g s rejected: %s after %d iterations, residual %.3g N, "
+                "%d negative eigenvalues", state.time, length, result.reason, result.iterations,
+                result.residual, result.negatives,
+            )  # fmt: skip
             if self._stability.loss is not None:  # try farther beyond it, if that is wanted
                 state.restore()
                 if until == end.time or not self._stability.follows:
@@ -138,6 +156,8 @@ class TimeStepper:
             if saddle:
                 step_size.bisect(until, length)
             elif not step_size.reduce(length, planned):
+                from wovenfab.solver.diagnosis import diagnose
+
                 diagnosis = diagnose(self._solver, result, state.states[0])
                 displacement = self._program.displacement(until)
                 raise StepFailedError(
@@ -151,8 +171,8 @@ class TimeStepper:
         if self._time_error is None or jump or len(state.steps) < 2:
             return None
         step = until - state.time
-        lack = rate_error(self._problem.model.field.x.array, state.states, state.steps, step)
-        return self._time_error.measure(lack, self._scheme.weights(step, state.steps[0]))
+        weights = self._scheme.weights(step, state.steps[0])
+        return self._time_error.measure(state.states, state.steps, step, weights)
 
     def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
         """Set the length of the next step, and return whether this one must be repeated."""
@@ -164,6 +184,10 @@ class TimeStepper:
 
     def _check_rest(self, until: float, result: SolveResult) -> None:
         """Refuse a penalty that makes the sheet at rest unstable, whatever the solve gave."""
+        if self._problem.model.balance.penalty is None:
+            return
+        from wovenfab.solver.diagnosis import unsound_penalty
+
         field = self._problem.model.field
         with preserved(field):
             field.x.array[:] = self._state.states[0]

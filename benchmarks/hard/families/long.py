@@ -33,7 +33,7 @@ def cycles(setting: Setting) -> Figures:
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
         with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
-            outcome, summary = run(simulation, directory, tell, Stopwatch())
+            outcome, _, summary = run(simulation, directory, tell, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start
     force, steps = history["force_N"], len(history["step"]) - 1

@@ -1,0 +1,256 @@
+"""Cases that start from another one: what they take over, and where their faults are."""
+
+from __future__ import annotations
+
+import copy
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from wovenfab.case import CaseError, json_schema, read_case
+from wovenfab.case.reference import published_schema
+
+EXAMPLE = Path(__file__).with_name("example.yaml")
+DATA = YAML(typ="safe").load(EXAMPLE)
+EFFECT = (Path(__file__).parents[2] / "docs" / "examples" / "my_effect.py").read_text()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, example: str) -> Path:
+    """Return the current folder, a fresh one with the example as base.yaml."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "base.yaml").write_text(example)
+    return tmp_path
+
+
+def _derived(text: str, name: str = "case.yaml") -> Path:
+    Path(name).write_text(f"from: base.yaml\n{text}")
+    return Path(name)
+
+
+def _told(path: Path, *overrides: str) -> list[str]:
+    with pytest.raises(CaseError) as caught:
+        read_case(path, overrides)
+    return str(caught.value).split("\n")
+
+
+def test_only_what_differs_is_said(folder: Path) -> None:
+    case = read_case(
+        _derived(
+            "effects: {bending: {stiffness: 24.05 N*m}, slip_friction: {slope: 700 s/m}}\n"
+            "program: {amplitudes: [30 mm]}\n"
+        )
+    )
+    assert case.name == "case"
+    assert case.effects["bending"] == {"stiffness": (24.05, 24.05)}
+    assert case.effects["slip_friction"] == {"strength": 199.2e3, "slope": 700.0}
+    assert case.program[0].model_dump(exclude_none=True) == {
+        "type": "cycles",
+        "amplitudes": (0.03,),
+        "max_velocity": 0.5,
+    }
+    base = read_case(folder / "base.yaml")
+    assert case.sheet == base.sheet
+    assert case.boundary == base.boundary
+
+
+def test_null_takes_out(folder: Path) -> None:
+    case = read_case(
+        _derived("effects: {slip_friction: null}\nprogram: {max_velocity: ~, frequency: 2 Hz}\n")
+    )
+    assert "slip_friction" not in case.effects
+    assert case.program[0].model_dump(exclude_none=True) == {
+        "type": "cycles",
+        "amplitudes": (0.02, 0.04, 0.06),
+        "frequency": 2.0,
+    }
+
+
+def test_another_type_takes_nothing_over(folder: Path) -> None:
+    case = read_case(_derived("program: {type: ramp, to: 40 mm, velocity: 0.1 m/s}\n"))
+    assert case.program[0].model_dump(exclude_none=True) == {
+        "type": "ramp",
+        "to": 0.04,
+        "steps": 20,
+        "velocity": 0.1,
+    }
+
+
+def test_another_law_takes_nothing_over(folder: Path) -> None:
+    case = read_case(_derived("effects: {slip_friction: {law: coulomb, strength: 20 kN/m^2}}\n"))
+    assert case.effects["slip_friction"] == {"strength": 2e4}
+    assert not case.needs.rate and case.needs.history
+    told = _told(_derived("effects: {slip_friction: {law: coulomb}}\n"))
+    assert "strength" in told[0]
+
+
+@st.composite
+def _split(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the example in two parts: what is in the base, and what the case says."""
+
+    def deal(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        base: dict[str, Any] = {}
+        own: dict[str, Any] = {}
+        for key, value in data.items():
+            where = draw(st.sampled_from(["base", "own", "both", "apart"]))
+            if where == "apart" and isinstance(value, dict):
+                base[key], own[key] = deal(value)
+            else:
+                if where != "own":
+                    wrong = where == "both" and not isinstance(value, dict)
+                    base[key] = ["of the base"] if wrong else copy.deepcopy(value)
+                if where in ("own", "both"):
+                    own[key] = copy.deepcopy(value)
+        return base, own
+
+    return deal(DATA)
+
+
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(_split())
+def test_a_case_in_two_parts_reads_as_the_whole(
+    folder: Path, parts: tuple[dict[str, Any], dict[str, Any]]
+) -> None:
+    base, own = parts
+    (folder / "base.yaml").write_text(json.dumps(base))
+    Path("case.yaml").write_text(json.dumps({"from": "base.yaml", **own}))
+    assert read_case(Path("case.yaml")).model_dump() == read_case(EXAMPLE).model_dump()
+
+
+def test_the_case_as_resolved_needs_no_other_file(folder: Path) -> None:
+    text = "effects: {coupling: null, slip_friction: null}\noutput: {fields: null}\n"
+    case = read_case(_derived(text))
+    Path("whole.yaml").write_text(case.to_yaml())
+    (folder / "base.yaml").unlink()
+    assert read_case(Path("whole.yaml")).model_dump() == case.model_dump()
+
+
+def test_files_are_relative_to_the_file_that_names_them(folder: Path, example: str) -> None:
+    """Each folder has an own effect, a geometry and a table; the right ones must be found."""
+    far, near = folder / "far", folder / "near"
+    for place, stiffness in ((far, 1), (near, 2), (folder, 3)):
+        place.mkdir(exist_ok=True)
+        (place / "my_effect.py").write_text(EFFECT.replace("/ 2", f"* {stiffness}"))
+        (place / "sheet.geo").write_text("")
+        (place / "u.csv").write_text(f"time_s,displacement_m\n0,0\n1,{stiffness}e-3\n")
+    shape = "  shape: rectangle\n  length: 0.90 m\n  width: 0.30 m\n"
+    text = example.replace(shape, "  file: sheet.geo\n")
+    text = text.replace("effects:", "effects:\n  my_effect: {file: my_effect.py, stiffness: 1}")
+    (far / "base.yaml").write_text(text.replace("discretisation:\n  degree: 3", "discretisation:"))
+    (near / "middle.yaml").write_text("from: ../far/base.yaml\nsheet: {file: sheet.geo}\n")
+    Path("case.yaml").write_text(
+        "from: near/middle.yaml\nprogram: {type: table, file: u.csv}\n"
+        "effects: {my_effect: {stiffness: 2}}\n"
+    )
+    case = read_case(Path("case.yaml"))
+    assert [e.file for e in case.scene if e.file] == [far / "my_effect.py"]
+    assert case.sheet.file == near / "sheet.geo"
+    assert case.program[0].samples.displacements == (0.0, 3e-3)
+    replaced = read_case(Path("case.yaml"), ["sheet.file=far/sheet.geo"])
+    assert replaced.sheet.file == far / "sheet.geo"
+
+
+def test_a_fault_is_told_where_it_was_written(folder: Path, example: str) -> None:
+    (folder / "base.yaml").write_text(example.replace("steps_per_cycle: 80", "steps_per_cycle: 81"))
+    told = _told(_derived("effects:\n  bending:\n    stifness: 24 N*m\n"))
+    assert told == [
+        "case.yaml:4: effects.bending.stifness: unknown key. Did you mean 'stiffness'?",
+        "base.yaml:24: time.steps_per_cycle: must be even, got 81.",
+    ]
+
+
+def test_a_combination_is_told_where_its_last_part_was_written(folder: Path) -> None:
+    told = _told(
+        _derived("title: x\neffects: {bending: null}\nboundary: {left: {clamp: rotation}}")
+    )
+    assert told[0].startswith("case.yaml:4: boundary.left: yarn directions cannot be held")
+    told = _told(_derived("sheet: {width: 10 mm}"))
+    assert told == [
+        "base.yaml:22: discretisation.mesh_size: is larger than the shorter side, 0.01 m."
+    ]
+
+
+def test_the_command_line_has_the_last_word(folder: Path) -> None:
+    path = _derived("effects: {bending: {stiffness: 24.05 N*m}}\n")
+    case = read_case(path, ["effects.bending.stiffness=1 N*m", "effects.coupling=null"])
+    assert case.effects["bending"] == {"stiffness": (1.0, 1.0)}
+    assert "coupling" not in case.effects
+    assert _told(path, "time.scheme=x")[0].startswith("--set time.scheme: expected")
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "from: bse.yaml",
+            "case.yaml:1: from: there is no file 'bse.yaml'. Names are relative to the case file.",
+        ),
+        ("title: x\nfrom: 3", "case.yaml:2: from: expected the name of a file, got 3."),
+        (
+            "from: base.txt",
+            "case.yaml:1: from: expected a file that ends in '.yaml' or '.yml', got 'base.txt'.",
+        ),
+        (
+            "from: case.yaml",
+            "case.yaml:1: from: this goes round in a circle: case.yaml from case.yaml.",
+        ),
+        (
+            "from: round.yaml",
+            "round.yaml:1: from: this goes round in a circle: case.yaml from round.yaml from "
+            "case.yaml.",
+        ),
+        (
+            "from: inner.yaml",
+            "inner.yaml:1: from: this goes round in a circle: inner.yaml from inner.yaml.",
+        ),
+        ("from: list.yaml", "list.yaml:1: expected keys with values."),
+        (
+            "from: base.yaml\neffects: {spin_frction: null}",
+            "case.yaml:2: effects.spin_frction: there is nothing here to take out. Did you mean "
+            "'slip_friction'?",
+        ),
+        (
+            "from: base.yaml\neffects: {copling: null}",
+            "case.yaml:2: effects.copling: there is nothing here to take out. Did you mean "
+            "'coupling'?",
+        ),
+        ("from: base.yaml\nsheet: null", "case.yaml:2: sheet: missing."),
+        ("form: base.yaml", "case.yaml:1: form: unknown key. Did you mean 'from'?"),
+    ],
+)
+def test_a_bad_start_is_told_with_its_line(text: str, told: str, folder: Path) -> None:
+    (folder / "case.yaml").write_text(text)
+    (folder / "round.yaml").write_text("from: case.yaml")
+    (folder / "inner.yaml").write_text("from: inner.yaml")
+    (folder / "list.yaml").write_text("[1, 2]")
+    assert told in _told(Path("case.yaml"))
+
+
+def _objects(schema: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(schema, dict):
+        yield schema
+        schema = list(schema.values())
+    for value in schema if isinstance(schema, list) else ():
+        yield from _objects(value)
+
+
+def test_the_schema_of_a_part_requires_nothing_and_lets_take_out() -> None:
+    schema = json_schema()
+    published = published_schema(schema)
+    assert published["else"]["required"] == schema["required"]
+    parts = {k: v for k, v in published["$defs"].items() if k not in schema["$defs"]}
+    assert {k.removesuffix("_part") for k in parts} == set(schema["$defs"])
+    for part in _objects([published["then"], *parts.values()]):
+        assert "required" not in part
+        assert "oneOf" not in part
+        if "$ref" in part:
+            assert part["$ref"].removeprefix("#/$defs/") in parts
+        told = part.get("properties", {}) if "additionalProperties" in part else {}
+        for value in told.values():
+            assert {"type": "null"} in value["anyOf"]

@@ -1,0 +1,299 @@
+"""The case: what a case file or a program says, validated and in SI units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from functools import reduce
+from io import StringIO
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
+from pydantic.json_schema import GenerateJsonSchema
+from ruamel.yaml import YAML
+
+from forms.effect import Effect, Needs
+from wovenfab.case.boundary import EdgeConditions
+from wovenfab.case.checks import findings
+from wovenfab.case.custom_effects import custom_effects
+from wovenfab.case.document import FROM, Document, key_path, override, resolved_document
+from wovenfab.case.effects import (
+    CustomEffect,
+    EffectsSection,
+    Scene,
+    Values,
+    custom_schemas,
+    needs_of_scene,
+)
+from wovenfab.case.errors import CaseError, Problem, problems_in
+from wovenfab.case.program import Segments
+from wovenfab.case.quantities import Quantity, Section, plain
+from wovenfab.case.schema import (
+    Discretisation,
+    Output,
+    Rectangle,
+    Sheet,
+    Solver,
+    Time,
+    possible_fields,
+)
+
+#: Values that replace those of a case: "key=value" each, or values by dotted key.
+Overrides = Sequence[str] | Mapping[str, Any]
+
+#: Cells across a rectangle unless the case says more: along the fibres few are enough.
+CELLS = {"fibres": 4, "crossed": 10, "right": 10, "unstructured": 10}
+#: What the program chooses where an accuracy is asked for.
+CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle", "tolerance"}}
+
+
+@dataclass(frozen=True)
+class _Origin:
+    """Where a case is from, which says nothing on whether two cases are equal."""
+
+    document: Document = dataclass_field(compare=False)
+    path: Path | None = dataclass_field(compare=False)
+    overrides: tuple[str, ...] = dataclass_field(default=(), compare=False)
+
+
+class Case(Section):
+    """A case of wovenfab. A value is a plain number in SI units or a text with its unit."""
+
+    title: str = Field(default="", examples=["Bias extension 1:3"])
+    """One line for people."""
+
+    sheet: Sheet
+    """Shape and fibre directions."""
+
+    scene: Annotated[Scene, EffectsSection()] = Field(alias="effects")
+    """What the sheet resists and dissipates; what is not listed is not simulated."""
+
+    boundary: Mapping[str, EdgeConditions] = Field(
+        examples=[{"left": "clamp", "right": {"displacement": ["program", 0]}}]
+    )
+    """Condition on each named edge; edges that are not named are free."""
+
+    program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
+    """Displacement against time: one segment, or a list of them."""
+
+    accuracy: Annotated[float | None, Quantity(above=0, most=0.2)] = Field(
+        default=None, examples=["1 %"]
+    )
+    """Largest relative error of the peak force and of the dissipated energy; degree, size of
+    cells and steps are then found by the program."""
+
+    discretisation: Discretisation = Discretisation()
+    """Elements in space."""
+
+    time: Time = Time()
+    """Steps in time."""
+
+    solver: Solver = Solver()
+    """Newton's method."""
+
+    output: Output = Output()
+    """What is written besides the history."""
+
+    _name: str = PrivateAttr(default="case")
+    _origin: _Origin = PrivateAttr()
+
+    def __init__(self, /, **data: Any) -> None:
+        """Check sections given as objects or as a case file has them, and fill in defaults.
+
+        Raises:
+            CaseError: With everything that is wrong, by key.
+        """
+        self._read(_Origin(Document(plain(data), "", {}), None))
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @property
+    def name(self) -> str:
+        """Name of the case file without its suffix."""
+        return self._name
+
+    @property
+    def path(self) -> Path | None:
+        """The case file; None for a case that was built in Python."""
+        return self._origin.path
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """What replaces values of the case file, as ``"key=value"``."""
+        return self._origin.overrides
+
+    @property
+    def data(self) -> Any:
+        """What the case says with all that it takes over, as it is written, without defaults."""
+        return self._origin.document.data
+
+    @property
+    def needs(self) -> Needs:
+        """What the effects need together: placements, second gradient, rate."""
+        return needs_of_scene(self.scene)
+
+    @property
+    def effects(self) -> Mapping[str, Values]:
+        """Values by the name of the effect, in the order of the scene."""
+        return {e.name: e.values for e in self.scene}
+
+    def problem(self, key: str, message: str, remedy: str = "") -> Problem:
+        """Return a problem with the file and line of its key; arguments as in ``Problem``."""
+        return self._origin.document.problem(key_path(key), message, remedy)
+
+    def changed(self, *overrides: str | Mapping[str, Any]) -> Case:
+        """Return the same case with further overrides, checked again.
+
+        Raises:
+            CaseError: With everything that is wrong with it.
+        """
+        more = tuple(text for one in overrides for text in _listed(one))
+        origin = self._origin
+        document = reduce(override, more, origin.document)
+        return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
+
+    def to_yaml(self) -> str:
+        """Return YAML that reads as an equal case, with units and every default."""
+        yaml: Any = YAML(typ="safe", pure=True)
+        yaml.default_flow_style = None
+        yaml.sort_base_mapping_type_on_output = False
+        yaml.width = 100
+        stream = StringIO()
+        left_out: Any = {} if self.accuracy is None else CHOSEN
+        data = self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=left_out)
+        yaml.dump(data, stream)
+        return stream.getvalue()
+
+    def __repr__(self) -> str:
+        """Return name, sheet, effects, edges and program in one line."""
+        sheet = self.sheet
+        if isinstance(sheet, Rectangle):
+            shape = f"{sheet.length:g} m x {sheet.width:g} m"
+        else:
+            shape = sheet.file.name
+        program = ", ".join(segment.type for segment in self.program)
+        return (
+            f"<Case {self.name}: {shape}; effects {', '.join(self.effects)}; "
+            f"edges {', '.join(self.boundary)}; program {program}>"
+        )
+
+    def _read(self, origin: _Origin) -> None:
+        """Take the values of a document, all of them or none."""
+        document, path = origin.document, origin.path
+        folder = path.parent if path else Path()
+        custom = custom_effects(document.data, folder)
+        context = {"folder": folder, "custom": custom}
+        try:
+            self.__pydantic_validator__.validate_python(
+                document.data, self_instance=self, context=context
+            )
+        except ValidationError as error:
+            effects = [e.effect for e in custom.values() if isinstance(e, CustomEffect)]
+            problems = list(problems_in(error, document, json_schema(effects)))
+            problems += _combinations(_valid_sections(document.data, context), document)
+            raise CaseError(document.in_order(problems)) from error
+        sections = {name: getattr(self, name) for name in type(self).model_fields}
+        if problems := list(_combinations(sections, document)):
+            raise CaseError(document.in_order(problems))
+        self._name, self._origin = path.stem if path else "case", origin
+        self.__dict__.update(_with_defaults(self))
+
+
+def read_case(path: str | Path, overrides: Overrides = ()) -> Case:
+    """Return the case that a file describes.
+
+    Args:
+        path: A YAML file.
+        overrides: Values that replace those of the file, ``"effects.shear.stiffness=500 N/m"``
+            each, or a mapping such as ``{"effects.shear.stiffness": "500 N/m"}``.
+
+    Returns:
+        The case in SI units, all defaults filled in.
+
+    Raises:
+        CaseError: With everything that is wrong.
+    """
+    path, texts = Path(path), tuple(_listed(overrides))
+    return _case(_Origin(reduce(override, texts, resolved_document(path)), path, texts))
+
+
+def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
+    """Return the JSON Schema of a whole case.
+
+    Args:
+        custom: The user's own effects, to be described beside those of forms/.
+    """
+    schema = Case.model_json_schema(schema_generator=_InOrder)
+    schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
+    schema["$defs"]["Effects"]["properties"] |= custom_schemas(custom)
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema"} | schema
+
+
+_FROM_SCHEMA = {
+    "type": "string",
+    "description": "Case file to start from, relative to this one, which says what differs.",
+    "examples": ["base.yaml"],
+}
+
+
+class _InOrder(GenerateJsonSchema):
+    """Keeps the keys in the order in which they are best read."""
+
+    def sort(self, value: Any, parent_key: str | None = None) -> Any:
+        """Return the value as it is."""
+        return value
+
+
+def _case(origin: _Origin) -> Case:
+    case = Case.__new__(Case)
+    case._read(origin)
+    return case
+
+
+def _listed(overrides: str | Overrides) -> Iterator[str]:
+    """Yield overrides as ``"key=value"``, the values in YAML."""
+    if isinstance(overrides, str):
+        yield overrides
+    elif isinstance(overrides, Mapping):
+        for key, value in overrides.items():
+            given = plain(value)
+            yield f"{key}={given if isinstance(given, str) else json.dumps(given)}"
+    else:
+        yield from overrides
+
+
+def _combinations(sections: dict[str, Any], document: Document) -> Iterator[Problem]:
+    for location, message, remedy in findings(sections):
+        yield document.problem(document.locate(location), message, remedy)
+
+
+def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
+    """Return the sections that are valid by themselves."""
+    sections = {}
+    for name, field in Case.model_fields.items() if isinstance(data, dict) else ():
+        key = field.alias or name
+        if key not in data:
+            if not field.is_required():
+                sections[name] = field.default
+            continue
+        more = tuple(field.metadata)
+        kind: Any = Annotated[field.annotation, *more] if more else field.annotation
+        with suppress(ValidationError):
+            sections[name] = TypeAdapter(kind).validate_python(data[key], context=context)
+    return sections
+
+
+def _with_defaults(case: Case) -> dict[str, Any]:
+    """Return the sections in which values depend on other sections."""
+    mesh, output = case.discretisation, case.output
+    if isinstance(case.sheet, Rectangle):
+        kind = mesh.mesh or "fibres"
+        size = mesh.mesh_size or min(case.sheet.length, case.sheet.width) / CELLS[kind]
+        mesh = mesh.model_copy(update={"mesh_size": size, "mesh": kind})
+    if "fields" not in output.model_fields_set:
+        output = output.model_copy(update={"fields": possible_fields(case.needs)})
+    return {"discretisation": mesh, "output": output}

@@ -1,0 +1,396 @@
+"""Combinations of valid values that make no sense together."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import combinations
+from math import ceil, sqrt
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.case.boundary import BOTH, EDGES, Boundary, EdgeCondition, conditions_of, free_motion
+from wovenfab.case.effects import (
+    Scene,
+    SceneEffect,
+    Value,
+    acting,
+    lacking,
+    needs_of_scene,
+    providers,
+    quantity,
+    resisted,
+    with_second_gradient,
+    with_two_placements,
+)
+from wovenfab.case.errors import KeyPath, near_miss, one_of
+from wovenfab.case.formula import Expression
+from wovenfab.case.program import Hold, Ramp, Segment, Table, reached
+from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Time, possible_fields
+
+Array = NDArray[np.float64]
+Program = tuple[Segment, ...]
+#: Where, what and the remedy.
+Finding = tuple[KeyPath, str, str]
+Rule = Callable[..., Iterator[Finding]]
+
+#: A force that follows the program, as a remedy.
+GROWING = "'10 N/m * program/40 mm'"
+_REMEDY = "Keep it in bounds, as with max(..., ...) or if(..., ..., ...)."
+#: More triangles are a typing error: no machine has the memory for them.
+MOST_TRIANGLES = 1e7
+
+_RULES: list[Rule] = []
+
+
+def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
+    """Ask all rules whose sections are there.
+
+    Args:
+        sections: The valid sections of a case by name.
+    """
+    for rule in _RULES:
+        concerns = inspect.signature(rule).parameters
+        if concerns.keys() <= sections.keys():
+            yield from rule(**{name: sections[name] for name in concerns})
+
+
+def _rule(function: Rule) -> Rule:
+    _RULES.append(function)
+    return function
+
+
+@_rule
+def _initial_loads(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    """Yield conditions that act from the start where only friction could resist them.
+
+    At rest friction carries nothing, so that there is no state to begin with.
+    """
+    acts = acting(scene)
+    lack = lacking(scene, [e for e in acts if not e.effect.dissipative])
+    if not lack or lacking(scene, acts):
+        return
+    for name, i, condition in conditions_of(boundary):
+        if condition.burdens_the_start:
+            yield (
+                ("boundary", name, i),
+                f"acts from the start, but without friction {lack[1]}, so that there is no rest",
+                f"Let it follow the program, as in {GROWING} or 'min(program, 5 mm)'.",
+            )
+
+
+@_rule
+def _sound(scene: Scene) -> Iterator[Finding]:
+    if lack := lacking(scene, acting(scene)):
+        resistance, reason = lack
+        resisting = one_of(providers(resistance, scene))
+        yield ("effects",), reason, f"That takes {resisting}, with values above zero."
+
+
+@_rule
+def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        for name in boundary:
+            if name not in EDGES:
+                remedy = f"{near_miss(name, EDGES)} The edges are {', '.join(EDGES)}.".strip()
+                yield ("boundary", name), "unknown edge", remedy
+
+
+@_rule
+def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        known = {name: boundary[name] for name in boundary if name in EDGES}
+        sheared = "shearing" in resisted(acting(scene))
+        motion = free_motion((sheet.length, sheet.width), sheet.fibres, known, sheared)
+    else:
+        components = [c.components for _, _, c in conditions_of(boundary)]
+        held = [any(c[i].held for c in components) for i in (0, 1)]
+        motion = None if all(held) else f"move along {'y' if held[0] else 'x'}"
+    if motion:
+        reason = f"the held edges leave the sheet free to {motion}"
+        yield ("boundary",), reason, "Clamp an edge, as in 'left: clamp'."
+
+
+@_rule
+def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
+    if not isinstance(sheet, Rectangle):
+        return
+    known = {name: boundary[name] for name in boundary if name in EDGES}
+    size = max(sheet.length, sheet.width)
+    for (one, _, a), (other, i, b) in combinations(conditions_of(known), 2):
+        corners = set(EDGES[one]) & set(EDGES[other]) if one != other else ()
+        for x, y in corners if set(a.families) & set(b.families) else ():
+            if axis := _apart(a, b, x * sheet.length, y * sheet.width, size):
+                reason = f"moves away along {axis} from '{one}', which it meets in a corner"
+                yield ("boundary", other, i), reason, "Free one of them, or move both alike."
+
+
+def _apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) -> str:
+    """Return the axis along which two conditions differ at a point, if there is one."""
+    programs = size * np.array([0.0, 0.01, 0.1, 0.3])
+    for axis, c, d in zip("xy", a.components, b.components, strict=True):
+        if c.held and d.held:
+            gap = np.abs(c.at(x, y, programs) - d.at(x, y, programs))
+            if not np.all(gap <= 1e-9 * size):
+                return axis
+    return ""
+
+
+@_rule
+def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        sides = np.linspace(0, sheet.length, 50), np.linspace(0, sheet.width, 50)
+        x, y = (coordinate.ravel() for coordinate in np.meshgrid(*sides))
+        yield from list(unfit_values(scene, x, y)) or unsound_places(scene, x, y)
+
+
+@_rule
+def _edges_everywhere(
+    sheet: Rectangle | SheetFile, boundary: Boundary, program: Program
+) -> Iterator[Finding]:
+    if isinstance(sheet, Rectangle):
+        for edge, ends in EDGES.items():
+            if edge in boundary:
+                x, y = np.linspace(*ends, 50).T * [[sheet.length], [sheet.width]]
+                yield from unfit_conditions(edge, boundary[edge], x, y, reached(program))
+
+
+@_rule
+def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    if needs_of_scene(scene).placements == 2:
+        return
+    for name, i, condition in conditions_of(boundary):
+        placed = condition.force or any(c.held for c in condition.components)
+        if placed and condition.families != BOTH:
+            apart = one_of(with_two_placements())
+            yield (
+                ("boundary", name, i, "family"),
+                "both families have the same placement here, so that neither is held or loaded "
+                "alone",
+                f"Leave 'family' out, or add {apart} to the effects.",
+            )
+
+
+@_rule
+def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
+    conditions = [c for _, _, c in conditions_of(boundary)]
+    moves = any(not isinstance(segment, Hold) for segment in program)
+    if moves and not any(c.moves or c.grows for c in conditions):
+        remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
+        if any(c.force for c in conditions):
+            remedy = (
+                f"A force may follow it, as in {GROWING}; one that is there from the start takes "
+                "{type: hold, duration: 1 s, steps: 1}."
+            )
+        yield ("program",), "no edge uses the program", remedy
+
+
+@_rule
+def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
+    for name, i, condition in conditions_of(boundary):
+        if condition.rotation and not needs_of_scene(scene).second_gradient:
+            yield (
+                ("boundary", name, i),
+                "yarn directions cannot be held, because no effect depends on their change",
+                f"Hold the placement only, or add {one_of(with_second_gradient())}.",
+            )
+
+
+@_rule
+def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
+    for i, segment in enumerate(program):
+        timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
+        if timeless and needs_of_scene(scene).rate:
+            yield (
+                ("program", i),
+                "a velocity or a duration is needed, because an effect depends on rates",
+                "For example 'velocity: 0.1 m/s'.",
+            )
+
+
+@_rule
+def _joints(program: Program) -> Iterator[Finding]:
+    here = 0.0
+    for i, segment in enumerate(program):
+        match segment:
+            case Ramp(to=end):
+                if end == here:
+                    already = f"the displacement is {here:g} m already"
+                    yield ("program", i, "to"), already, "Use {type: hold} to wait."
+                here = end
+            case Table(samples=samples):
+                path, start = ("program", i, "file"), samples.displacements[0]
+                if samples.times[0] == 0 and start != here:
+                    jump = f"the table starts at {start:g} m, where the program is at {here:g} m"
+                    yield path, jump, "Give the first row a later time, to ramp to it."
+                if samples.times[-1] == 0:
+                    yield path, "the table has no row after time zero", ""
+                here = samples.displacements[-1]
+
+
+@_rule
+def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
+    if discretisation.degree < 2 and needs_of_scene(scene).second_gradient:
+        reason = "must be at least 2, because an effect depends on second derivatives"
+        yield ("discretisation", "degree"), reason, ""
+
+
+@_rule
+def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
+    if "fields" in output.model_fields_set:
+        possible = possible_fields(needs_of_scene(scene))
+        for i, field in enumerate(output.fields):
+            if field not in possible:
+                yield (("output", "fields", i), f"the effects of this case have no {field}", "")
+
+
+@_rule
+def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Iterator[Finding]:
+    given = discretisation
+    mesh = given.mesh or "fibres"
+    if isinstance(sheet, Rectangle):
+        side = min(sheet.length, sheet.width)
+        least = sqrt(2 * sheet.length * sheet.width / MOST_TRIANGLES)
+        if given.mesh_size and given.mesh_size > side:
+            too_large = f"is larger than the shorter side, {side:g} m"
+            yield ("discretisation", "mesh_size"), too_large, ""
+        elif given.mesh_size and given.mesh_size < least:
+            yield (
+                ("discretisation", "mesh_size"),
+                f"makes more than {MOST_TRIANGLES / 1e6:g} million triangles of this sheet",
+                f"Take at least {ceil(1e5 * least) / 100:g} mm.",
+            )
+        graded: tuple[str, ...] = ("fibres", "unstructured")
+    else:
+        made = sheet.file.suffix == ".msh"
+        known = ("fibres", "unstructured") if not made else ()
+        graded = ("fibres",) if not made else ()
+        fixed = ("mesh", "mesh_size") if made else () if mesh in known else ("mesh",)
+        for key in fixed:
+            if getattr(given, key) is not None:
+                reason = f"does not apply to {sheet.file.name}"
+                yield ("discretisation", key), reason, "Leave this key out."
+    if given.corner_size and mesh not in graded:
+        reason = f"a mesh that is {mesh} cannot be graded" if given.mesh else "does not apply here"
+        yield ("discretisation", "corner_size"), reason, "Leave this key out."
+    if given.jumps and (mesh != "fibres" or not graded):
+        reason = "placements can jump on a mesh along the fibres alone"
+        yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."
+
+
+@_rule
+def _accuracy(
+    accuracy: float | None, discretisation: Discretisation, time: Time
+) -> Iterator[Finding]:
+    if accuracy is None:
+        return
+    for section, name, keys in (
+        (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
+        (time, "time", ("steps_per_cycle", "tolerance")),
+    ):
+        for key in keys:
+            if key in section.model_fields_set and getattr(section, key) is not None:
+                reason = "is chosen by the program where an accuracy is asked for"
+                yield (name, key), reason, "Leave this key out, or leave 'accuracy' out."
+
+
+@_rule
+def _tolerance(time: Time) -> Iterator[Finding]:
+    if time.tolerance is not None and time.scheme != "bdf2":
+        reason = f"the error of a step is not measured with {time.scheme}"
+        yield ("time", "tolerance"), reason, "Use 'scheme: bdf2', or leave this key out."
+
+
+def values_at(value: Value, x: Array, y: Array, program: float = 0.0) -> Array:
+    """Return a parameter's value at points, or a force's for a program (m)."""
+    values: Array = np.full_like(x, 0.0 if isinstance(value, Expression) else value)
+    return values + value.at(x, y, program) if isinstance(value, Expression) else values
+
+
+def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
+    """Yield each formula of a scene that is out of bounds at any of some points.
+
+    Args:
+        scene: The effects with their values.
+        x: First coordinates of the points, m.
+        y: Second coordinates, m.
+    """
+    for e in scene:
+        for p in e.effect.parameters:
+            bounds = quantity(p)
+            for path, value in _formulas(("effects", e.name, p.name), e.values[p.name]):
+                values = values_at(value, x, y)
+                worst = int(np.argmin(values))
+                if not np.isfinite(values).all():
+                    yield from _infinite(path, values, x, y)
+                elif broken := bounds.broken(values[worst]):
+                    place = _place(x, y, worst)
+                    yield path, f"must {broken}, but is {values[worst]:g} at {place}", _REMEDY
+
+
+def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
+    """Yield what nothing resists at any of some points, where formulas vanish."""
+    if lacking(scene, acting(scene)):
+        return  # which is so everywhere
+    active = np.array([_acting(e, x, y) for e in scene])
+    patterns, first = np.unique(active, axis=1, return_index=True)
+    for pattern, i in zip(patterns.T, first, strict=True):
+        lack = lacking(scene, [e for e, on in zip(scene, pattern, strict=True) if on])
+        if lack:
+            place = _place(x, y, int(i))
+            yield ("effects",), f"{lack[1]} at {place}", "Keep the values above zero there."
+            return
+
+
+def unfit_conditions(
+    edge: str, conditions: Sequence[EdgeCondition], x: Array, y: Array, programs: Sequence[float]
+) -> Iterator[Finding]:
+    """Yield each formula of an edge that has no finite value at any of its points.
+
+    Args:
+        edge: Name of the edge.
+        conditions: What is prescribed there.
+        x: First coordinates of points on the edge, m.
+        y: Second coordinates, m.
+        programs: Displacements (m) that the program reaches.
+    """
+    for i, condition in enumerate(conditions):
+        here: KeyPath = ("boundary", edge, i)
+        given = [
+            ((*here, "displacement", k), c.expression or 0.0)
+            for k, c in enumerate(condition.components)
+        ]
+        for path, value in (*given, *_formulas((*here, "force"), condition.force or ())):
+            over = [values_at(value, x, y, program) for program in programs]
+            yield from _infinite(path, np.sum(over, axis=0), x, y)
+
+
+def _formulas(path: KeyPath, given: Any) -> Iterator[tuple[KeyPath, Expression]]:
+    """Yield a parameter's formula, or those of a pair."""
+    if isinstance(given, tuple):
+        same = len(set(given)) == 1
+        for i, value in enumerate(given[:1] if same else given):
+            yield from _formulas(path if same else (*path, i), value)
+    elif isinstance(given, Expression):
+        yield path, given
+
+
+def _acting(e: SceneEffect, x: Array, y: Array) -> NDArray[np.bool_]:
+    everywhere = np.ones_like(x, dtype=bool)
+    for given in e.values.values():
+        values: Iterable[Value] = given if isinstance(given, tuple) else (given,)
+        for value in values:
+            everywhere &= values_at(value, x, y) > 0
+    return everywhere
+
+
+def _infinite(path: KeyPath, values: Array, x: Array, y: Array) -> Iterator[Finding]:
+    finite = np.isfinite(values)
+    if not finite.all():
+        yield path, f"has no finite value at {_place(x, y, int(np.argmin(finite)))}", ""
+
+
+def _place(x: Array, y: Array, i: int) -> str:
+    return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"

@@ -1,0 +1,251 @@
+"""A user's own effects, each a Python file beside the case that names it.
+
+Such a file is run only because a case names it, and leaves nothing behind: the
+effect is passed on as an object, so that two cases may each have their own effect
+of the same name.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import ufl
+from pydantic_core import PydanticCustomError
+
+from forms import catalogue
+from forms.balance import Balance, Rate
+from forms.effect import Effect, Term
+from forms.kinematics import point_of
+from forms.point_friction import PointFriction, components_of
+from wovenfab.case import units
+from wovenfab.case.document import FILE, LAW, existing_file
+from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
+from wovenfab.case.errors import in_brief, one_of, refusal, wrong
+
+#: Keys of an effect that are no parameters.
+RESERVED = (FILE, LAW)
+_NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
+
+
+def custom_effects(data: Any, folder: Path) -> CustomEffects:
+    """Return the effects that a case names by file, in its order.
+
+    Args:
+        data: The case as plain data; it may be invalid.
+        folder: Where the case lies.
+    """
+    section = data.get("effects") if isinstance(data, dict) else None
+    given = section.items() if isinstance(section, dict) else ()
+    files = {key: v[FILE] for key, v in given if isinstance(v, dict) and FILE in v}
+    effects: dict[str, CustomEffect | PydanticCustomError] = {}
+    for key, file in files.items():
+        try:
+            effects[key] = _custom_effect(key, file, folder)
+        except PydanticCustomError as error:
+            effects[key] = error
+    return effects
+
+
+def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
+    path = existing_file(value, folder, (".py",))
+    if key in catalogue.effects():
+        raise wrong(f"there is an effect '{key}' already", "Give yours another name.")
+    if not _NAME.fullmatch(key):
+        raise wrong("the name of an effect has letters, digits and '_' only")
+    effect = _loaded(path, value)
+    if effect.name != key:
+        raise wrong(
+            f"{value} defines the effect '{effect.name}', not '{key}'",
+            f"Use '{effect.name}' as the key here, or set name=\"{key}\" there.",
+        )
+    resisted = frozenset().union(*(law.resists for law in effect.all_laws))
+    if unknown := sorted(resisted - set(RESISTIBLE)):
+        raise wrong(
+            f"{value}: the effect resists '{unknown[0]}', which is not known",
+            f"It may be {one_of(RESISTIBLE)}.",
+        )
+    for law in effect.all_laws:
+        _check_parameters(law, value)
+        _check_forms(law, path, value)
+    return CustomEffect(effect, path)
+
+
+def _loaded(path: Path, value: str) -> Effect:
+    """Return ``EFFECT`` of a file, which is run for that."""
+    # As if it lay in forms/, so that it can be moved there as it is.
+    module = ModuleType(f"forms.custom:{path}")
+    module.__package__, module.__file__ = "forms", str(path)
+    sys.modules[module.__name__] = module  # dataclasses look themselves up there
+    try:
+        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
+    except SyntaxError as error:
+        line = error.lineno if error.filename == str(path) else _line(error, path)
+        raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
+    except (Exception, SystemExit) as error:
+        raise wrong(f"{value}:{_line(error, path)}: {in_brief(error)}") from error
+    finally:
+        sys.modules.pop(module.__name__)
+    if "EFFECT" not in module.__dict__:
+        raise wrong(f"{value} defines no EFFECT", "It must end with 'EFFECT = Effect(...)'.")
+    effect = module.__dict__["EFFECT"]
+    if not isinstance(effect, Effect):
+        raise wrong(
+            f"EFFECT in {value} is of type {type(effect).__name__}, not Effect",
+            "It must be an Effect of forms.effect.",
+        )
+    return effect
+
+
+def _check_forms(effect: Effect, path: Path, value: str) -> None:
+    problem = ""
+    try:
+        try_forms(effect)
+    except Exception as error:
+        line = "".join(f":{line}" for line in _lines(error, path)[-1:])
+        problem = f"{value}{line}: {in_brief(error)}"
+    if problem:  # raised out here, where nothing holds the symbols any more
+        raise wrong(problem, REMEDY)
+
+
+def _line(error: BaseException, path: Path) -> int | None:
+    """Return the last line of a file that led to an error, or its first."""
+    return [1, *_lines(error, path)][-1]
+
+
+def _lines(error: BaseException, path: Path) -> list[int | None]:
+    frames = traceback.extract_tb(error.__traceback__)
+    return [frame.lineno for frame in frames if frame.filename == str(path)]
+
+
+def _check_parameters(effect: Effect, value: str) -> None:
+    for name, times in Counter(p.name for p in effect.parameters).items():
+        if not _NAME.fullmatch(name) or name in RESERVED or times > 1:
+            raise wrong(
+                f"{value}: a parameter cannot be named {name!r}",
+                f"Names are unique, of letters, digits and '_', and not {one_of(RESERVED)}.",
+            )
+    for parameter in effect.parameters:
+        try:
+            factor, _ = units.in_si("" if parameter.unit == "1" else parameter.unit)
+        except ValueError as error:
+            raise wrong(f"{value}: the parameter '{parameter.name}' has {error}") from error
+        if factor != 1:
+            raise wrong(
+                f"{value}: the unit '{parameter.unit}' of '{parameter.name}' is not an SI unit",
+                "Write it in m, kg, s, N, J or rad; a case may use any other.",
+            )
+
+
+DEGREE = 2
+#: What is asked of the functions of an effect.
+REMEDY = (
+    "Its functions return one number in J/m^2 (an energy) or W/m^2 (a dissipation), made of what "
+    "they are given by Python's operators and the functions of UFL."
+)
+
+
+@contextmanager
+def custom_effect_errors(scene: Scene) -> Iterator[None]:
+    """Take what fails inside, where a scene is built, for a fault of the user's own effects.
+
+    Raises:
+        CaseError: If the scene has any, with their files and the cause.
+    """
+    try:
+        yield
+    except (OSError, MemoryError):
+        raise
+    except Exception as error:
+        files = ", ".join(e.file.name for e in scene if e.file)
+        if not files:
+            raise
+        raise refusal(files, f"the effect cannot be compiled: {in_brief(error)}", REMEDY) from error
+
+
+def try_forms(effect: Effect) -> None:
+    """Form potential, residual and tangent of an effect on a sheet of symbols.
+
+    Raises:
+        ValueError: If an energy is not one number at each point.
+        Exception: Whatever the functions of the effect, or UFL about them, raise.
+    """
+    term, balance = _balance(effect)
+    point = point_of(balance.field, balance.fibres, balance.second_gradient)
+    if effect.energy is not None:
+        _require_scalar("energy", effect.energy(point, term.values))
+    if effect.strains is not None:
+        for strain in effect.strains(point, term.values):
+            _require_scalar("the measure of a strain", strain.measure)
+            _require_scalar("the stiffness of a strain", strain.stiffness)
+    if effect.dissipation is not None and effect.measure is not None:
+        rate = ufl.variable(effect.measure(point))
+        _require_scalar("dissipation", effect.dissipation(rate, term.values))
+    space = balance.field.ufl_function_space()
+    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+    balance.potential()
+    balance.power()
+    balance.residual(test)
+    balance.jacobian(trial, test, ufl.Coefficient(space))
+    if effect.bound is not None:
+        _try_bound(term, balance, trial, test)
+
+
+def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
+    """Form what a friction with carried stress consists of."""
+    import basix.ufl
+
+    size, degree = components_of(term, balance), DEGREE
+    element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
+    space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
+    carried = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
+    _require_scalar("the strength of a bound", carried.strength())
+    carried.jacobian(trial, test)
+    carried.residual(test)
+    carried.creep()
+    carried.loss()
+
+
+def _require_scalar(what: str, given: Any) -> None:
+    try:
+        value = ufl.as_ufl(given)
+    except (TypeError, ValueError):
+        value = None
+    if not isinstance(value, ufl.classes.Expr) or isinstance(value, ufl.classes.Condition):
+        raise ValueError(f"{what} gives {type(given).__name__}, not a number")
+    if value.ufl_shape != ():
+        raise ValueError(f"{what} gives a value of shape {value.ufl_shape}, not one number")
+
+
+def _balance(effect: Effect) -> tuple[Term, Balance]:
+    """Return the effect and the balance of it alone, with nothing but symbols in it."""
+    import basix.ufl  # not for those without effects of their own
+
+    def element(degree: int, size: int) -> Any:
+        return basix.ufl.element("Lagrange", "triangle", degree, shape=(size,))
+
+    mesh = ufl.Mesh(element(1, 2))
+    space = ufl.FunctionSpace(mesh, element(DEGREE, 2 * effect.needs.placements))
+    fibres = (ufl.Constant(mesh, shape=(2,)), ufl.Constant(mesh, shape=(2,)))
+    values = {
+        p.name: (ufl.Constant(mesh), ufl.Constant(mesh)) if p.per_family else ufl.Constant(mesh)
+        for p in effect.parameters
+    }
+    rate = Rate((ufl.Constant(mesh), ufl.Constant(mesh)), (ufl.Coefficient(space),))
+    term = Term(effect, values, 1)
+    return term, Balance(
+        terms=() if effect.set_valued else (term,),
+        fibres=fibres,
+        field=ufl.Coefficient(space),
+        rate=rate if effect.needs.history else None,
+        degree=DEGREE,
+        quadrature=2 * DEGREE,
+        held_edges=(ufl.ds(0), ufl.ds(0)),
+    )

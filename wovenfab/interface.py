@@ -1,0 +1,239 @@
+"""The Python interface: run cases, step through them, read results.
+
+The names of this module are those of the package: ``wovenfab.simulate`` and so on. In a notebook::
+
+    case = wovenfab.read_case("configs/bias-1x3.yaml", {"program.amplitudes": "40 mm"})
+    run = wovenfab.simulate(case)
+    run.history["force"]
+
+Under ``mpirun`` all ranks call the same functions and get the same history.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.case import Case, CaseError, read_case
+from wovenfab.record.history import read_history
+from wovenfab.record.summary import read_summary
+from wovenfab.stepping.step import Step
+
+if TYPE_CHECKING:
+    from dolfinx import fem
+    from mpi4py import MPI
+
+    from wovenfab.record.fields import StoredFields
+    from wovenfab.simulation.simulation import Simulation
+
+Array = NDArray[np.float64]
+__all__ = [
+    "Case",
+    "CaseError",
+    "History",
+    "Run",
+    "SolvedStep",
+    "read_case",
+    "read_results",
+    "simulate",
+    "steps",
+]
+
+
+class History(Mapping[str, Array]):
+    """The columns of ``history.csv`` by name, each of shape (steps + 1,).
+
+    A unit at the end may be left out: ``history["force"]`` is ``history["force_N"]``. All values
+    are in SI units.
+    """
+
+    def __init__(self, columns: Mapping[str, Array]) -> None:
+        """Take the columns by their full names."""
+        self._columns = dict(columns)
+        self._short = {name.rpartition("_")[0]: name for name in columns if _has_unit(name)}
+
+    def __getitem__(self, name: str) -> Array:
+        """Return a column by its name, with or without its unit."""
+        try:
+            return self._columns[self._short.get(name, name)]
+        except KeyError:
+            known = ", ".join(self._columns)
+            raise KeyError(f"the history has no column {name!r}; it has {known}") from None
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the full names."""
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        """Return the number of columns."""
+        return len(self._columns)
+
+    def __repr__(self) -> str:
+        """Say how many rows there are of which columns."""
+        rows = len(next(iter(self._columns.values()), ()))
+        return f"History({rows} rows of {', '.join(self)})"
+
+
+@dataclass(frozen=True, repr=False)
+class Run:
+    """A run that has ended.
+
+    Attributes:
+        case: What was run.
+        history: A row for the start and for each step.
+        summary: What ``summary.json`` has.
+        directory: The results directory; None of a run in memory.
+    """
+
+    case: Case
+    history: History
+    summary: Mapping[str, Any]
+    directory: Path | None = None
+
+    @property
+    def finished(self) -> bool:
+        """Whether the program came to its end."""
+        return bool(self.summary["outcome"] == "finished")
+
+    @cached_property
+    def fields(self) -> StoredFields:
+        """The stored fields; a run in memory has none.
+
+        Raises:
+            FileNotFoundError: If no fields were stored.
+        """
+        from wovenfab.record.fields import read_fields
+
+        if self.directory is None:
+            raise FileNotFoundError(
+                "a run in memory stores no fields: give simulate() a directory, or loop over "
+                "wovenfab.steps(case)"
+            )
+        return read_fields(self.directory)
+
+    def __repr__(self) -> str:
+        """Say what was run, how it ended and its main figures."""
+        s = self.summary
+        where = f", in {self.directory}" if self.directory else ""
+        return (
+            f"Run({self.case.name}: {s['outcome']}, {s['steps']} steps, peak force "
+            f"{s['peak_force_N']:.6g} N, dissipated {s['dissipated_J']:.6g} J{where})"
+        )
+
+
+@dataclass(frozen=True)
+class SolvedStep(Step):
+    """An accepted step while its fields are at hand: until the loop goes on.
+
+    Attributes:
+        simulation: The simulation, whose model has the present state.
+    """
+
+    simulation: Simulation = field(kw_only=True, repr=False)
+
+    @property
+    def displacements(self) -> tuple[fem.Function, fem.Function]:
+        """The displacement of each family as a dolfinx function (m).
+
+        With one placement both are the same. The functions share the memory of the solver:
+        copy what must outlive the step. Placements that jump have their own unknowns on both
+        sides.
+        """
+        from dolfinx import fem
+
+        model = self.simulation.model
+        first, second = (fem.Function(s, model.field.x) for s in model.placements.families)
+        return first, second
+
+    def field(self, name: str) -> fem.Function:
+        """Return a field of the sheet as a dolfinx function, discontinuous between cells.
+
+        Args:
+            name: As in the results, such as ``shear_angle`` or ``beta``.
+
+        Raises:
+            KeyError: If the effects of the case give it no meaning.
+        """
+        from wovenfab.model.fields import interpolated
+
+        return interpolated(self.simulation.model, name)
+
+
+def simulate(
+    case: Case | str | Path,
+    directory: str | Path | None = None,
+    *,
+    overwrite: bool = False,
+    comm: MPI.Comm | None = None,
+) -> Run:
+    """Run a case; collective.
+
+    Args:
+        case: A case, or its file.
+        directory: Where results are written, as ``wovenfab run`` does; None for a run in
+            memory, which writes nothing.
+        overwrite: Replace the results of an earlier run there.
+        comm: The ranks; all unless given.
+
+    Returns:
+        The run. One that stopped early has a summary with the reason as its ``outcome``.
+
+    Raises:
+        CaseError: If the case, its geometry or an effect cannot be used.
+        ResultsExistError: If the directory has results.
+        OSError: If the directory cannot be written.
+    """
+    from mpi4py import MPI
+
+    from wovenfab.execution import execute
+
+    chosen = read_case(case) if isinstance(case, str | Path) else case
+    place = None if directory is None else Path(directory)
+    run = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
+    return Run(run.case, History(run.columns), run.summary, place)
+
+
+def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[SolvedStep]:
+    """Yield the initial state and each accepted step of a case; collective.
+
+    Args:
+        case: A case, or its file.
+        comm: The ranks; all unless given.
+
+    Raises:
+        CaseError: If the case, its geometry or an effect cannot be used.
+        StepFailedError: If a step cannot be made.
+        StabilityLostError: If the sheet buckles and the case says to stop there.
+    """
+    from mpi4py import MPI
+
+    from wovenfab.simulation.from_case import sheet_of
+    from wovenfab.simulation.simulation import Simulation
+
+    chosen = read_case(case) if isinstance(case, str | Path) else case
+    sheet = sheet_of(chosen, comm or MPI.COMM_WORLD)
+    with Simulation(chosen, sheet) as simulation:
+        for step in simulation.steps():
+            values = {f.name: getattr(step, f.name) for f in fields(step)}
+            yield SolvedStep(**values, simulation=simulation)
+
+
+def read_results(directory: str | Path) -> Run:
+    """Return the run that a results directory holds; it may still go on, or have stopped.
+
+    Raises:
+        FileNotFoundError: If it holds no results.
+    """
+    place = Path(directory)
+    case = read_case(place / "case.yaml")
+    return Run(case, History(read_history(place)), read_summary(place), place)
+
+
+def _has_unit(name: str) -> bool:
+    return name.rpartition("_")[2] in {"s", "m", "N", "J"}

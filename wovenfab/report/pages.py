@@ -1,0 +1,300 @@
+"""``report.html``, the page of one run, and ``comparison.html``, the page of several."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wovenfab.record.field_file import DATA, MODE
+from wovenfab.record.fields import StoredFields
+from wovenfab.record.history import index_of_peak
+from wovenfab.record.results import this_process
+from wovenfab.record.summary import read_cycles
+from wovenfab.report import curves, sheet
+from wovenfab.report.page_blocks import (
+    NONE,
+    Block,
+    Section,
+    Table,
+    Text,
+    computation_table,
+    cycle_table,
+    grouped,
+    raster,
+    section,
+    vector,
+    write_page,
+)
+from wovenfab.report.run_data import (
+    RunData,
+    case_of,
+    key_times,
+    largest,
+    open_run_data,
+    origin_of,
+    stored_of,
+)
+from wovenfab.report.sheet import Panel, panels, sheet_at
+from wovenfab.report.style import FIELD_STYLES, quantity, shown_fields
+
+PAGE, COMPARISON = "report.html", "comparison.html"
+
+
+@dataclass(frozen=True)
+class Run:
+    """A results directory opened for a page; without fields, ``stored`` is None."""
+
+    source: RunData
+    stored: StoredFields | None
+
+    @property
+    def outcome(self) -> str:
+        """How it ended, in a sentence."""
+        outcome = self.source.summary.get("outcome")
+        if outcome is None:
+            return "Not finished: there is no summary, so the run still goes on or was killed."
+        return "Finished." if outcome == "finished" else f"Stopped early: {outcome}."
+
+
+def open_run(directory: str | Path) -> Run:
+    """Return a run; fields that cannot be read count as missing. Raises as open_run_data."""
+    try:
+        stored = stored_of(Path(directory))
+    except OSError:  # an HDF5 file that a killed run left open
+        stored = None
+    return Run(open_run_data(directory), stored)
+
+
+def write_run_page(directory: str | Path) -> Path:
+    """Write ``report.html`` into a results directory and return its path.
+
+    Raises:
+        FileNotFoundError: The directory has no history.
+        ValueError: The history has no row.
+    """
+    run = open_run(directory)
+    untitled = replace(run, source=replace(run.source, title=""))  # the page has the title
+    return write_page(
+        Path(directory) / PAGE,
+        run.source.title,
+        [run.outcome, *_stability(run.source.summary), *_missing(run)],
+        headline(run.source),
+        list(_sections(untitled)),
+        origin_of(directory),
+    )
+
+
+def write_comparison(directories: Sequence[Path], path: Path) -> Path:
+    """Write the page of two or more runs and return its path.
+
+    Raises:
+        FileNotFoundError: A directory has no history.
+        ValueError: A history has no row.
+    """
+    runs = dict(zip(labels(directories), map(open_run, directories), strict=True))
+    outcomes = {name: run.outcome for name, run in runs.items()}
+    stopped = [f"{name}: {text}" for name, text in outcomes.items() if text != "Finished."]
+    sections = list(_sections_of_several(runs))
+    return write_page(path, f"{len(runs)} runs compared", stopped, [], sections, this_process())
+
+
+def default_place(directories: Sequence[Path]) -> Path:
+    """Return the default path of a comparison: in the folder that holds all of the runs."""
+    folder = os.path.commonpath([d.resolve().parent for d in directories])
+    return Path(os.path.relpath(folder)) / COMPARISON
+
+
+def labels(directories: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of the paths that distinguish the directories."""
+    parts = [d.resolve().parts for d in directories]
+    for count in range(1, max(map(len, parts)) + 1):
+        names = ["/".join(p[-count:]) for p in parts]
+        if len(set(names)) == len(names):
+            return names
+    return [f"{i}: {p[-1]}" for i, p in enumerate(parts, 1)]  # one of them twice
+
+
+def headline(source: RunData) -> list[tuple[str, str]]:
+    """Return the main figures of a run: name and value."""
+    history, summary = source.history, source.summary
+    peak = index_of_peak(history["force_N"])
+    work = float(np.abs(history["work_J"]).max())
+    worst = float(np.abs(history["imbalance_J"]).max())
+    at = quantity(float(history["displacement_m"][peak]), "m")
+    ratios = [c.loss_ratio for c in source.cycles if c.loss_ratio is not None]
+    figures = [
+        ("peak force", f"{quantity(float(history['force_N'][peak]), 'N')} at {at}"),
+        ("energy dissipated", quantity(float(history["dissipated_J"][-1]), "J")),
+        ("loss ratio, last cycle", f"{ratios[-1]:.3g}" if ratios else ""),
+        ("worst imbalance", f"{100 * worst / work:.2g} % of the work" if work else ""),
+        ("unknowns", grouped(summary["unknowns"]) if summary else ""),
+        ("steps", f"{len(history['step']) - 1}"),
+        ("wall time", f"{sum(summary['wall_time_s'].values()):.3g} s" if summary else ""),
+    ]
+    return [(name, value) for name, value in figures if value]
+
+
+def flat(case: Mapping[str, Any], above: str = "") -> dict[str, str]:
+    """Return a case as texts by dotted keys."""
+    texts: dict[str, str] = {}
+    for key, value in case.items():
+        if isinstance(value, Mapping):
+            texts |= flat(value, f"{above}{key}.")
+        else:
+            items = value if isinstance(value, list) else [value]
+            yaml = (str(item).lower() if isinstance(item, bool) else str(item) for item in items)
+            texts[f"{above}{key}"] = ", ".join(yaml)
+    return texts
+
+
+def _stability(summary: Mapping[str, Any]) -> list[str]:
+    """Return sentences about lost stability."""
+    losses = [
+        f"Stability was lost at {quantity(loss['displacement_m'], 'm')} under "
+        f"{quantity(loss['force_N'], 'N')}."
+        for loss in summary.get("losses_of_stability", [])
+    ]
+    saddles = summary.get("saddles", 0)
+    return losses + [f"{saddles} states are saddles: no sheet would stay on them."] * (saddles > 0)
+
+
+def _missing(run: Run) -> list[str]:
+    """Return a sentence about fields that cannot be read."""
+    if run.stored is not None or not (run.source.directory / DATA).exists():
+        return []
+    return [f"There are no pictures of the sheet: {DATA} holds no fields that can be read."]
+
+
+def _sections(run: Run) -> Iterator[Section]:
+    source, stored = run.source, run.stored
+    caption = "Force of the driven edge against its displacement."
+    yield section(
+        "Force against displacement", lambda: [vector(curves.loop(source), "loop", caption)]
+    )
+    if source.cycles:
+        yield section("Cycles", lambda: _cycles(source))
+    yield section(
+        "Program and energies",
+        lambda: [vector(curves.program(source), "program", "Motion of the driven edge.")],
+        lambda: [vector(curves.energies(source), "energies", "Energies by effect over time.")],
+    )
+    if stored is not None:
+        yield section(
+            "Sheet and yarns",
+            lambda: [raster(sheet.mesh(source, stored), "Mesh at rest, directions of the yarns.")],
+            lambda: [raster(sheet.deformed(source, stored), "Sheet at its largest displacement.")],
+            lambda: _mode(source),
+        )
+        yield section("Fields", lambda: _fields(source, stored))
+    yield section("Solver", lambda: _solver(source))
+    yield section("Case", lambda: _case(source))
+
+
+def _cycles(source: RunData) -> Sequence[Block]:
+    rows = read_cycles(source.directory)
+    caption = (
+        "Energy dissipated in each cycle, and the energy imbalance by the time steps, "
+        "in per cent of what was dissipated and stored."
+    )
+    table = [cycle_table(rows)] if rows else []
+    return [*table, vector(curves.losses(source), "losses", caption)]
+
+
+def _mode(source: RunData) -> Sequence[Block]:
+    lost = stored_of(source.directory, MODE)
+    if lost is None:
+        return []
+    return [raster(sheet.mode(source, lost), "How it buckles, at a size that shows.")]
+
+
+def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
+    times = key_times(source, stored)
+    rows = [[turn for turn, _ in times], [end for _, end in times]]
+    if len(times) == 1:  # side by side, once where it is the same
+        rows = [list(dict.fromkeys([rows[0][0], rows[1][0]]))]
+    sheets = {e.index: sheet_at(source, stored, e.index) for row in rows for e in row}
+    where = " at reversals and ends of cycles" if source.cycles else ""
+    blocks = []
+    for name in shown_fields(stored):
+        grid = [
+            [Panel(sheets[e.index], stored.field(name, e.index), e.words) for e in row]
+            for row in rows
+        ]
+        caption = f"The {FIELD_STYLES[name].label}{where}, to one scale."
+        blocks.append(raster(panels(name, stored.units[name], grid), caption))
+    return blocks
+
+
+def _solver(source: RunData) -> Sequence[Block]:
+    cut_backs = source.summary.get("cut_backs", 0)
+    caption = "Newton iterations and length of each step; wall time by phase."
+    if cut_backs:
+        caption += f" {cut_backs} attempts did not converge and were cut back: shorter steps."
+    return [vector(curves.solver(source), "solver", caption)]
+
+
+def _case(source: RunData) -> Sequence[Block]:
+    path = source.directory / "case.yaml"
+    case = [Text(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
+    return [*([computation_table(source.summary)] if source.summary else []), *case]
+
+
+def _sections_of_several(runs: Mapping[str, Run]) -> Iterator[Section]:
+    named = [(name, run.source) for name, run in runs.items()]
+    yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
+    yield section(
+        "Force against displacement",
+        lambda: [vector(curves.loops(named), "loops", "Force of the driven edge.")],
+    )
+    if any(source.cycles for _, source in named):
+        caption = "Figures of the complete cycles, against their reversals."
+        yield section("Cycles", lambda: [vector(curves.cycle_figures(named), "cycles", caption)])
+    energies = curves.energies_of_runs
+    yield section(
+        "Energies", lambda: [vector(energies(named), "energies", "All effects together.")]
+    )
+    words = "Energy imbalance by the time steps, and the work of the solver."
+    work = curves.imbalance_and_iterations
+    yield section("Solver", lambda: [vector(work(named), "work", words)])
+    if any(run.stored is not None for run in runs.values()):
+        yield section("Fields", lambda: _common_fields(runs))
+
+
+def _overview(named: Sequence[curves.Named]) -> Table:
+    figures = {name: dict(headline(source)) for name, source in named}
+    heads = list(dict.fromkeys(head for values in figures.values() for head in values))
+    rows = [[name, *(values.get(h, NONE) for h in heads)] for name, values in figures.items()]
+    return Table("Figures of the runs", ["run", *heads], rows)
+
+
+def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
+    cases = [flat(case_of(source.directory)) for _, source in named]
+    keys = dict.fromkeys(key for case in cases for key in case)
+    differing = [key for key in keys if len({case.get(key, NONE) for case in cases}) > 1]
+    rows = [[key, *(case.get(key, NONE) for case in cases)] for key in differing]
+    head = ["key of the case", *(name for name, _ in named)]
+    return [Table("Differences of the cases", head, rows, numbers=False)] if rows else []
+
+
+def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
+    shown = [(name, run.source, run.stored) for name, run in runs.items() if run.stored is not None]
+    first = shown[0][2]
+    common = [f for f in shown_fields(first) if all(f in stored.units for *_, stored in shown)]
+    blocks = []
+    for field in common:
+        cells = [_panel(name, source, stored, field) for name, source, stored in shown]
+        rows = [cells[i : i + 2] for i in range(0, len(cells), 2)]
+        caption = f"Each run at its largest displacement: {field.replace('_', ' ')}, to one scale."
+        blocks.append(raster(panels(field, first.units[field], rows), caption))
+    return blocks
+
+
+def _panel(name: str, source: RunData, stored: StoredFields, field: str) -> Panel:
+    when = largest(source, stored)
+    values = stored.field(field, when.index)
+    return Panel(sheet_at(source, stored, when.index), values, f"{name}, {when.words}")
