@@ -168,7 +168,7 @@ class LinearSolver:
         method: PETSc's names of solver, preconditioner and package.
         counts: Whether the factor counts the negative eigenvalues.
         prefix: Beginning of the names of its PETSc options.
-        last: How the last system was solved, for the log.
+        iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
     """
 
     def __init__(
@@ -185,7 +185,7 @@ class LinearSolver:
                 is used.
         """
         self._matrix, self._keep_from, self._accuracy = matrix, keep_from, accuracy
-        self.definite, self.last = True, ""
+        self.definite, self.iterations = True, 0
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
         self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
@@ -241,7 +241,7 @@ class LinearSolver:
             if self._pays() and self._refine(b, x, accuracy):
                 return int(Reason.CONVERGED_RTOL)
             self._renew()
-        self.last = "direct solution" if self._solved else "new factor"
+        self.iterations = 0
         if not self._solved:
             self._count(1)
         self._direct.solve(b, x)
@@ -315,7 +315,7 @@ class LinearSolver:
         self._pc.setReusePreconditioner(True)
         done, applied = self._gradients.solve(b, x, accuracy, max(1, int(self._cost)))
         self._count(applied)
-        self.last = f"{applied} iterations with an older factor"
+        self.iterations = applied
         if done:
             self._back_off.reset()
         else:

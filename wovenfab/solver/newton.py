@@ -105,7 +105,7 @@ class NewtonSolver:
         self._reuse, self._left = TangentReuse(), np.inf  # share of the residual left by a step
         self._convergence = Convergence(options.tolerance, largest_cell(problem.model.sheet.mesh))
         self._search = LineSearch(problem)
-        self._length = 0.0
+        self._length, self._cg = 0.0, 0  # of the last step
         self._most = options.max_iterations
         self.snes = self._create_snes(prefix)
         start = start_vector(problem.model.placements, problem.constraints.bcs, options.seed)
@@ -188,6 +188,7 @@ class NewtonSolver:
         """Shorten the step so that x - y is admissible and lowers the potential."""
         problem, model = self.problem, self.problem.model
         problem.load(x)
+        self._cg = self.linear.iterations
         if not self.snes.getIterationNumber():
             self.saddle_at_start = self.spectrum.saddle
             self.spectrum.begin()
@@ -320,7 +321,8 @@ class NewtonSolver:
         step = "start"
         if iteration:
             tangent = self.spectrum.modification or ("reused" if self._reuse.taken else "new")
-            step = f"step {self._length:.3g}, tangent {tangent}, {self.linear.last}"
+            linear = f"{self._cg} CG iterations" if self._cg else "new factor"
+            step = f"step {self._length:.3g}, tangent {tangent}, {linear}"
         fields = ", ".join(f"|r_{i}| {norm:.3e}" for i, norm in enumerate(norms, start=1))
         logger.debug(
             "%3d |r| %.6e N (%s), potential %.9e J, %s",
