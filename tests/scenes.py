@@ -17,8 +17,7 @@ from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_v
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.sheet.structured import rectangle
+from wovenfab.sheet.sheet import Sheet, directions, rectangle
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolverOptions
 from wovenfab.solver.problem import Problem

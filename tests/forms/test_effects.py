@@ -12,10 +12,9 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from forms.balance import Balance
+from forms.balance import Balance, FacetTerm
 from forms.catalogue import effects
 from forms.effect import Effect
-from forms.facet_terms import FacetTerm
 from forms.kinematics import Facet
 from tests import scenes
 from wovenfab.model.model import Model, Numerics

@@ -16,14 +16,13 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.balance import Balance
-from forms.facet_terms import FacetTerm
+from forms.balance import Balance, FacetTerm
 from forms.kinematics import Facet
 from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.model.model import Model, Numerics
-from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle
-from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
+from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import problem as solver_module

@@ -14,8 +14,8 @@ from mpi4py import MPI
 
 from tests import scenes
 from wovenfab.model.compiler import compile_form
-from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle
-from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
+from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"
 SHEET = {"left": 0.3, "right": 0.3, "bottom": 0.9, "top": 0.9}

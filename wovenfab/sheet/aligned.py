@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import basix.ufl
 import numpy as np
@@ -23,9 +24,11 @@ from numpy.typing import NDArray
 from wovenfab.compat import cell_partitioner
 from wovenfab.parallel import from_root
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
-from wovenfab.sheet.grading import Grading, grading_of, towards
 from wovenfab.sheet.outline import CORNER, Outline, changes
 from wovenfab.sheet.sheet import Sheet
+
+if TYPE_CHECKING:
+    from wovenfab.sheet.grading import Grading
 
 Array = NDArray[np.float64]
 #: How each edge holds a family; edges that are missing leave it free.
@@ -70,6 +73,8 @@ def aligned_sheet(
         points, cells = fibre_mesh(outline, fibres, offsets)
         if corner_size is None and not steep:
             return points, cells
+        from wovenfab.sheet.grading import grading_of
+
         how = grading_of(mesh_size, corner_size)
         return graded(points, cells, outline, holds, lines, how)
 
@@ -126,6 +131,8 @@ def graded(
     # taken one by one, so that cells where two cross are cut across both.
     fibres = [shapely.LineString(ends) for family in lines for ends in family.jumps]
     size = float(np.linalg.norm(points[cells] - points[np.roll(cells, 1, 1)], axis=2).max())
+    from wovenfab.sheet.grading import towards
+
     points, cells = towards(points, cells, near, how.points, size)
     for fibre in fibres:
         points, cells = towards(points, cells, fibre, how.lines, size)

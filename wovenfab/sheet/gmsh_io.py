@@ -16,13 +16,10 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import mesh_from_gmsh
 from wovenfab.sheet.outline import Outline, outline_of
+from wovenfab.sheet.sheet import GeometryError
 
 #: Segments that a full circle of the outline is divided in, at least.
 SEGMENTS = 48
-
-
-class GeometryError(Exception):
-    """A geometry that cannot be meshed; the text says why and what to do."""
 
 
 def from_file(

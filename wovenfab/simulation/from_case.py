@@ -33,10 +33,8 @@ from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value
 from wovenfab.sheet.aligned import aligned_sheet
-from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle, outline_from_file
 from wovenfab.sheet.outline import rectangle_outline
-from wovenfab.sheet.sheet import Sheet, directions
-from wovenfab.sheet.structured import rectangle
+from wovenfab.sheet.sheet import GeometryError, Sheet, directions, rectangle
 from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
@@ -130,10 +128,14 @@ def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
         length, width = case.sheet.length, case.sheet.width
         assert d.mesh_size is not None  # a case that has been read has one
         if d.mesh == "unstructured":
+            from wovenfab.sheet.gmsh_io import graded_rectangle
+
             parts = graded_rectangle(comm, length, width, d.mesh_size, d.corner_size)
         else:
             parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
     else:
+        from wovenfab.sheet.gmsh_io import from_file
+
         parts = from_file(comm, Path(case.sheet.file), d.mesh_size)
     return Sheet(*parts, directions(case.sheet.fibres))
 
@@ -145,6 +147,8 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         outline = rectangle_outline(case.sheet.length, case.sheet.width)
         size = d.mesh_size
     else:
+        from wovenfab.sheet.gmsh_io import outline_from_file
+
         outline, size = outline_from_file(comm, Path(case.sheet.file), d.mesh_size)
     assert size is not None
     return aligned_sheet(
