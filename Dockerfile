@@ -2,7 +2,6 @@ FROM debian:trixie-slim
 
 LABEL org.opencontainers.image.title="wovenfab" \
       org.opencontainers.image.description="Predicts how woven fabrics stretch, shear, bend, slip and dissipate" \
-      org.opencontainers.image.version="0.1.0" \
       org.opencontainers.image.licenses="MIT" \
       org.opencontainers.image.authors="wovenfab contributors" \
       org.opencontainers.image.base.name="debian:trixie-slim"

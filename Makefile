@@ -3,9 +3,10 @@
 
 case  = configs/bias-1x3.yaml
 ranks = 2
+before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test lint docs bench accuracy hard paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -22,13 +23,21 @@ pictures: ## draw the pictures of README.md and docs/effects.md again, of the co
 	cp results/bias-1x3/loop.png results/bias-1x3/deformed.png docs/pictures
 	cp results/bias-1x3-effects/effects.png docs/pictures
 
-test: lint ## style, types and all tests but the slow ones
+test: lint suite ## style, types and all tests but the slow ones
+
+test-next: export WOVENFAB_SUITE = sid
+test-next: suite ## the same tests with the next dolfinx (0.11), in a Debian sid
+
+suite:
 	$(enter) pytest -n 2 -m "not mpi and not slow"
 	$(enter) on-ranks 2 pytest -m "mpi and not slow"
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow"
 
 lint: ## style, format and types
 	$(enter) sh -c "ruff check . && ruff format --check . && python3 -m mypy"
+
+size: ## lines, files, pictures and imports against what they may be
+	$(enter) python3 -m tests.structure.sizes
 
 docs: ## write docs/parameters.md anew from the files in forms/
 	$(enter) wovenfab schema --effects > docs/parameters.md
@@ -41,6 +50,11 @@ hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" fo
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page
+
+unchanged: ## compare the histories of all cases with those of another commit, before=REVISION
+	code=$$(mktemp -d) && trap 'rm -rf "$$code"' EXIT && \
+	git archive $(before) | tar -x -C "$$code" && \
+	$(enter) python3 -m benchmarks.unchanged "$$code" "$$(git rev-parse $(before))"
 
 paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)
 	tests/paraview/run.sh $(results)

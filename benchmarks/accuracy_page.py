@@ -1,18 +1,20 @@
 """``python -m benchmarks.accuracy_page`` writes docs/accuracy.md with its pictures.
 
-Everything in the page is printed by ``wovenfab accuracy``; what is done is kept in results/.
+Everything in the page is printed by ``wovenfab accuracy``; finished runs are stored in results/.
 """
 
 from __future__ import annotations
 
+import os
 import shlex
 import shutil
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import typer
+
+from wovenfab.cli.accuracy import study_accuracy
+from wovenfab.record.results import COMMAND
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "accuracy"
@@ -41,19 +43,11 @@ class Shown:
     pictures: tuple[str, ...] = ("space", "time", "both")
 
     @property
-    def command(self) -> list[str]:
-        """The command that makes it, after ``env/enter``."""
+    def command(self) -> str:
+        """The command that makes it."""
         chosen = [word for setting in self.settings for word in ("--set", setting)]
-        target = ["-o", str(RESULTS / self.name)]
-        return [
-            "wovenfab",
-            "accuracy",
-            self.case,
-            *chosen,
-            "--minutes",
-            f"{self.minutes:g}",
-            *target,
-        ]
+        time = ["--minutes", f"{self.minutes:g}", "-o", str(RESULTS / self.name)]
+        return shlex.join(["env/enter", "wovenfab", "accuracy", self.case, *chosen, *time])
 
 
 _MESH = "discretisation={degree: 3, mesh_size: 50 mm}"
@@ -82,27 +76,30 @@ _STAGES = {
 
 def write_page() -> None:
     """Make the studies that have not been made and write the page about all."""
+    os.chdir(ROOT)
     for shown in STUDIES:
-        print(f"\n{shown.title}: {shlex.join(shown.command)}", flush=True)
-        subprocess.run([sys.executable, "-m", *shown.command], cwd=ROOT, check=True)
-    intro = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
-    (ROOT / PAGE).write_text(intro + "".join(map(_section, STUDIES)), encoding="utf-8")
+        print(f"\n{shown.title}: {shown.command}", flush=True)
+        os.environ[COMMAND] = shown.command  # which pictures name
+        output = RESULTS / shown.name
+        if code := study_accuracy(Path(shown.case), output, shown.settings, shown.minutes):
+            raise typer.Exit(code)
+    text = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
+    PAGE.write_text(text + "".join(map(_section, STUDIES)), encoding="utf-8")
     print(f"\npage: {PAGE}")
 
 
 def _section(shown: Shown) -> str:
     """Return a study's part of the page, and put its pictures beside it."""
-    made = ROOT / RESULTS / shown.name
-    answers, ladders = (made / "accuracy.md").read_text(encoding="utf-8").split("\n\n**", 1)
+    made = RESULTS / shown.name
+    answers, tables = (made / "accuracy.md").read_text(encoding="utf-8").split("\n\n**", 1)
     pictures = []
     for stage, title in _STAGES.items():
         if stage in shown.pictures and (picture := made / f"accuracy-{stage}.png").is_file():
             copy = PICTURES / f"accuracy-{shown.name}-{stage}.png"
-            shutil.copyfile(picture, ROOT / copy)
+            shutil.copyfile(picture, copy)
             pictures.append(f"![{title}]({copy.relative_to(PAGE.parent)})")
-    command = shlex.join(["env/enter", *shown.command])
-    parts = [f"## {shown.title}", f"```sh\n{command}\n```", answers, *pictures]
-    every = f"<details><summary>All runs</summary>\n\n**{ladders.strip()}\n\n</details>"
+    parts = [f"## {shown.title}", f"```sh\n{shown.command}\n```", answers, *pictures]
+    every = f"<details><summary>All runs</summary>\n\n**{tables.strip()}\n\n</details>"
     return "\n" + "\n\n".join([*parts, every]) + "\n"
 
 

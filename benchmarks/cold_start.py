@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import tempfile
-import time
 from pathlib import Path
 
 from benchmarks.figure import Figure
 from wovenfab.record.summary import read_summary
+from wovenfab.study.runner import Command, execute
 
 CASE = Path(__file__).parents[1] / "configs" / "bias-1x3.yaml"
 #: One small step of the default case: the same kernels, hence the same compilation.
@@ -42,15 +39,9 @@ def cold_start() -> list[Figure]:
 def _start(ranks: int, cache: Path) -> tuple[float, dict[str, float]]:
     """Return the wall time (s) of a one-step run, process start included, and its phases."""
     with tempfile.TemporaryDirectory() as results:
-        command = [sys.executable, "-m", "wovenfab", "run", str(CASE), "-o", f"{results}/run"]
-        command += ["--set", ONE_STEP, "--set", "output.pictures=false"]
-        launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-        start = time.perf_counter()
-        subprocess.run(
-            [*launcher, *command],
-            env={**os.environ, "XDG_CACHE_HOME": str(cache)},
-            check=True,
-            capture_output=True,
-        )
-        whole = time.perf_counter() - start
-        return whole, read_summary(f"{results}/run")["wall_time_s"]
+        arguments = ["-m", "wovenfab", "run", str(CASE), "-o", f"{results}/run"]
+        arguments += ["--set", ONE_STEP, "--set", "output.pictures=false"]
+        ended = execute(Command(arguments, ranks, environment={"XDG_CACHE_HOME": str(cache)}))
+        if ended.failure:
+            raise RuntimeError(ended.failure)
+        return ended.seconds, read_summary(f"{results}/run")["wall_time_s"]

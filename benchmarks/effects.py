@@ -20,9 +20,9 @@ SIZE = ("program.amplitudes=40mm", "time.steps_per_cycle=20")
 
 def cost_of_effects() -> list[Figure]:
     """Print the table of costs; return what one placement and no second gradient save."""
-    scene, read = read_case(CASE, SIZE).scene, reader(CASE, SIZE)
-    sheet = sheet_of(read_case(CASE, SIZE), MPI.COMM_WORLD)
-    needs = {e.name: e.effect.needs for e in scene}
+    case = read_case(CASE, SIZE)
+    read, sheet = reader(case), sheet_of(case, MPI.COMM_WORLD)
+    needs = {e.name: e.effect.needs for e in case.scene}
 
     def only(keep: Callable[[Needs], bool]) -> Cost:
         return measure(read([name for name, n in needs.items() if keep(n)]), sheet)

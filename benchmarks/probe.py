@@ -1,4 +1,4 @@
-"""One run in a process of its own: what it costs to step, and what it gives.
+"""One run in a process of its own: its cost and its results.
 
 ``python -m benchmarks.probe CASE [KEY=VALUE ...]`` prints a line of JSON. Compiling is
 not counted; nothing is written.
@@ -7,25 +7,26 @@ not counted; nothing is written.
 from __future__ import annotations
 
 import json
-import subprocess
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from wovenfab.study.runner import Command, Ended, execute_all
+
 CASE = Path(__file__).parents[1] / "configs" / "bias-1x3.yaml"
 
 
 @dataclass(frozen=True)
 class Sample:
-    """What a run cost and gave.
+    """Cost and results of a run.
 
     Attributes:
         unknowns, steps, iterations: Numbers; iterations of all steps together.
         seconds: Wall time of the steps.
         memory: Peak memory of all ranks beyond what they had before the mesh, bytes.
-        force: Largest force of the driven edge along its motion, N.
+        force: Recorded force of largest size of the driven edge along its motion, N.
         dissipated: Energy dissipated at the end, J.
     """
 
@@ -40,12 +41,18 @@ class Sample:
 
 def sample(overrides: Sequence[str] = (), ranks: int = 1, case: Path = CASE) -> Sample:
     """Run a case in a new process on some ranks."""
-    launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-    command = [*launcher, sys.executable, "-m", __name__, str(case), *overrides]
-    ended = subprocess.run(command, check=False, capture_output=True, text=True)
-    if ended.returncode:
-        raise RuntimeError(f"{' '.join(overrides)} failed:\n{ended.stderr[-2000:]}")
-    return Sample(**json.loads(ended.stdout.strip().splitlines()[-1]))
+    return samples([overrides], ranks, case)[0]
+
+
+def samples(overrides: Sequence[Sequence[str]], ranks: int = 1, case: Path = CASE) -> list[Sample]:
+    """Run a case with several sets of overrides at the same time."""
+    commands = [Command(["-m", "benchmarks.probe", str(case), *o], ranks) for o in overrides]
+    ended: dict[int, Ended] = {}
+    execute_all(commands, jobs=len(commands), on_end=ended.__setitem__)
+    for index, of_run in ended.items():
+        if of_run.failure:
+            raise RuntimeError(f"{' '.join(overrides[index])} failed: {of_run.errors[-2000:]}")
+    return [Sample(**ended[index].result) for index in range(len(commands))]
 
 
 def main(case_file: str, overrides: Sequence[str]) -> None:
@@ -53,6 +60,7 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from mpi4py import MPI
 
     from wovenfab.case import read_case
+    from wovenfab.record.history import peak_force
     from wovenfab.simulation.from_case import sheet_of
     from wovenfab.simulation.progress import peak_memory
     from wovenfab.simulation.simulation import Simulation
@@ -65,17 +73,17 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
         start = time.perf_counter()
         steps = list(simulation.steps())
         seconds = time.perf_counter() - start
-        found = Sample(
+        result = Sample(
             unknowns=simulation.model.unknowns,
             steps=len(steps) - 1,
             iterations=sum(step.iterations for step in steps),
             seconds=comm.allreduce(seconds, op=MPI.MAX),
             memory=comm.allreduce(peak_memory() - before),
-            force=max(step.force for step in steps),
+            force=peak_force([step.force for step in steps]),
             dissipated=sum(steps[-1].dissipated.values()),
         )
     if comm.rank == 0:
-        print(json.dumps(asdict(found)), flush=True)
+        print(json.dumps(asdict(result)), flush=True)
 
 
 if __name__ == "__main__":

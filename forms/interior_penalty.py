@@ -22,7 +22,7 @@ def facet_penalty(mesh: Any, degree: int, factor: Any | None = None) -> Any:
         degree: Degree p of the elements.
         factor: sigma of a penalty sigma/h with h the mean of |T|/|F|, to override it.
     """
-    length = ufl.FacetArea(mesh)
+    length = ufl.FacetArea(mesh)("+")  # the same from both sides
     volume = ufl.CellVolume(mesh)
     if factor is not None:
         return factor * length / ufl.avg(volume)

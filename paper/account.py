@@ -5,16 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from paper.campaign import Campaign, Results
 from paper.claim import Claim
 from paper.figures import FIGURES
 from paper.numbers import numbers
-from wovenfab.case import Cycles, read_case
+from wovenfab.case import Case, Cycles
 from wovenfab.record.results import Provenance
-from wovenfab.study.members import Member
+from wovenfab.study.sweep import Member
 
 Account = Mapping[str, Any]
 
@@ -57,18 +56,18 @@ def account_of(
     }
 
 
-def digest(path: Path, overrides: Sequence[str]) -> str:
+def digest(case: Case) -> str:
     """Return a text that differs if what a case says does, defaults apart."""
-    text = json.dumps(read_case(path, overrides).data, sort_keys=True)
+    text = json.dumps(case.data, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 
 def _run(member: Member, results: Results) -> Mapping[str, Any]:
     summary, mesh = results.summary(member.name), member.case.discretisation
     return {
-        "case": member.path.name,
-        "overrides": list(member.overrides),
-        "digest": digest(member.path, member.overrides),
+        "case": member.case.path.name if member.case.path else "",
+        "overrides": list(member.case.overrides),
+        "digest": digest(member.case),
         "title": member.case.title,
         "degree": mesh.degree,
         "mesh_size_m": mesh.mesh_size,

@@ -12,7 +12,7 @@ from paper.loop import Loop, loops_of
 from wovenfab.case import Case
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import read_summary
-from wovenfab.study.members import Member, members_of
+from wovenfab.study.sweep import Member, members_of
 from wovenfab.study.variations import read_sweep_file
 
 #: Case files of the curves and fields of Figures 2 to 13.

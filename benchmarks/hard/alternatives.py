@@ -1,18 +1,23 @@
-"""What each way to a solution costs on steps that are hard, as a table."""
+"""Other ways to a solution, and their cost on hard steps: the solver with one part replaced.
+
+``python -m benchmarks.hard.alternatives`` prints all tallies as a line of JSON.
+"""
 
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any
+
+from petsc4py import PETSc
 
 from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
-from benchmarks.hard.trials import Counted, Halving, Patient, TrustRegion
-from wovenfab.stepping.step_size import StepSizeControl
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.newton import NewtonSolver
+from wovenfab.solver.options import SolveResult
+from wovenfab.stepping.step_size import CUT, StepSizeControl
 
 BONDED = Setting("bonded-1x3", ("discretisation.penalty=auto", "solver.stability=ignore"))
 GRADED = (
@@ -39,9 +44,123 @@ CASES: Mapping[str, Setting] = {
 SOFTENED = (1e-3, 1e-2, 1e-1, 1.0)
 
 
+Reason = PETSc.SNES.ConvergedReason
+#: Iterations of a trust region, whose steps are shorter.
+MANY = 60
+
+
+class Counted(EquilibriumSolver):
+    """The solver as it is, with its efforts counted.
+
+    Attributes:
+        solves: Number of solves, failed ones included.
+        iterations: Their iterations.
+    """
+
+    solves = 0
+    iterations = 0
+
+    def solve(self) -> SolveResult:
+        """Solve and count."""
+        result = super().solve()
+        self.solves += 1
+        self.iterations += result.iterations
+        return result
+
+
+class _PatientNewton(NewtonSolver):
+    """Goes on after searches that find no lower potential, to the last iteration."""
+
+    def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """End as usual, but for searches without success."""
+        self._search.failures = 0
+        return super().test(snes, iteration, norms)
+
+
+class Patient(Counted):
+    """Goes on after searches that find no lower potential, to the last iteration."""
+
+    newton_solver = _PatientNewton
+
+
+class _TrustRegionNewton(NewtonSolver):
+    """Newton's method whose first step moves the grips, and a trust region after it."""
+
+    def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
+        """End as usual, or when the grips are in place."""
+        if snes.getType() == "newtonls" and self.problem.attained:
+            self.norm = norms[2]
+            return int(Reason.CONVERGED_ITS)
+        return super().test(snes, iteration, norms)
+
+    def evaluate_objective(self, snes: Any, x: Any) -> float:
+        """Return the potential, J; infinite where families cross."""
+        energy = super().evaluate_objective(snes, x)
+        return energy if self.barrier.margin() > 0 else float("inf")
+
+    def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
+        """Put the tangent in the matrix, in a trust region the plain one."""
+        if snes.getType() == "newtontr":
+            self.problem.load(x)
+            self.problem.model.last.x.array[:] = self.problem.model.field.x.array
+        self.form_tangent(x)
+
+
+class TrustRegion(Counted):
+    """PETSc's trust region with the plain tangent, once the grips are in place.
+
+    The first step must raise the potential, for it moves the grips: it is Newton's.
+    """
+
+    newton_solver = _TrustRegionNewton
+
+    def solve(self) -> SolveResult:
+        """Move the grips by Newton's method and go on with a trust region."""
+        snes = self.newton.snes
+        snes.setType("newtonls")
+        snes.setTolerances(max_it=self._options.max_iterations)
+        first = super().solve()
+        if not first.converged:
+            return first
+        snes.setType("newtontr")
+        snes.setTolerances(max_it=MANY)
+        second = super().solve()
+        self.solves -= 1
+        return replace(second, iterations=first.iterations + second.iterations)
+
+
+class Halving(StepSizeControl):
+    """Halves a step that fails, without memory of earlier steps."""
+
+    def __init__(self, smallest: float) -> None:
+        """Begin with whole steps."""
+        super().__init__(smallest)
+        self._targets: list[float] = []
+        self._now = 0.0
+
+    def next(self, now: float, end: float) -> float:
+        """Return the nearest time that is still to be reached."""
+        self._now = now
+        self._targets = self._targets or [end]
+        return self._targets[-1]
+
+    def accepted(self, length: float, tangents: int) -> None:
+        """Go on to the next time."""
+        self._targets.pop()
+
+    def reduce(self, length: float, planned: float) -> bool:
+        """Step half as far first."""
+        self._targets.append(self._now + CUT * length)
+        return CUT * length >= self._smallest * planned
+
+    def bisect(self, until: float, length: float) -> None:
+        """Step half as far first."""
+        self._targets.append(self._now + CUT * length)
+
+
 @dataclass(frozen=True)
 class Tally:
-    """What a case cost.
+    """The cost of a case.
 
     Attributes:
         solves, iterations: Of Newton's method, failed attempts included.
@@ -122,22 +241,18 @@ end on another branch than small steps do; where the force differs it did.
 """
 
 
-def compare(tell: Callable[[str], None] = print) -> dict[str, dict[str, Tally]]:
+def compare() -> dict[str, dict[str, Tally]]:
     """Return the tallies by way and case."""
-    found: dict[str, dict[str, Tally]] = {}
-    for way, run in WAYS.items():
-        found[way] = {}
-        for name, setting in CASES.items():
-            found[way][name] = run(setting)
-            tell(f"{way}: {name}: {found[way][name]}")
-    return found
+    return {
+        way: {name: run(setting) for name, setting in CASES.items()} for way, run in WAYS.items()
+    }
 
 
-def section(found: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
+def section(tallies: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """Return the section of the page."""
     lines = [TEXT, "| | " + " | ".join(CASES) + " |", "|---|" + "---:|" * len(CASES)]
-    for way, tallies in found.items():
-        lines.append(f"| {way} | " + " | ".join(_cell(tallies[name]) for name in CASES) + " |")
+    for way, of_way in tallies.items():
+        lines.append(f"| {way} | " + " | ".join(_cell(of_way[name]) for name in CASES) + " |")
     return "\n".join(lines) + "\n"
 
 
@@ -147,6 +262,4 @@ def _cell(tally: Mapping[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    tallies = compare(lambda text: print(text, flush=True))
-    plain = {way: {n: asdict(t) for n, t in row.items()} for way, row in tallies.items()}
-    Path(sys.argv[1]).write_text(json.dumps(plain), encoding="utf-8")
+    print(json.dumps({w: {n: asdict(t) for n, t in row.items()} for w, row in compare().items()}))

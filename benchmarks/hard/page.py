@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 
+from benchmarks.hard.results import Result
 from benchmarks.hard.row import Family, Figures, Row, verdict
-from benchmarks.hard.store import Kept
 
 HEAD = """# Hard cases
 
 `make hard` runs them all, each in a process of its own, prints this table and writes this page;
 `make hard rows="locking long"` runs those whose names begin so, `quick=--quick` their small
-versions, which `make test` runs, too. Results are kept in `results/hard`, so that an interrupted
+versions, which `make test` runs, too. Results are stored in `results/hard`, so that an interrupted
 run goes on where it was. A row *passes* if all its thresholds hold; where physics ends it must
 *stop with a diagnosis*. The thresholds are in
 [benchmarks/hard/families](../benchmarks/hard/families), what the diagnoses mean in
@@ -33,18 +32,18 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def page(families: Sequence[Family], kept: Mapping[str, Kept], alternatives: str) -> str:
+def page(families: Sequence[Family], results: Mapping[str, Result], alternatives: str) -> str:
     """Return the page in Markdown.
 
     Args:
         families: All families.
-        kept: Results by the name of the row; rows without one are left out.
+        results: Results by the name of the row; rows without one are left out.
         alternatives: The section on what else was tried.
     """
-    commits = ", ".join(sorted({f"`{k.commit}`" for k in kept.values() if k.commit}))
-    parts = [HEAD, table(families, kept), NOTES, f"Code of these figures: commit {commits}.\n"]
+    commits = ", ".join(sorted({f"`{k.commit}`" for k in results.values() if k.commit}))
+    parts = [HEAD, table(families, results), NOTES, f"Code of these figures: commit {commits}.\n"]
     for family in families:
-        if any(row.name in kept for row in family.rows):
+        if any(row.name in results for row in family.rows):
             parts.append(
                 f"## {family.title}\n\n{wrapped(family.text)}\n\n"
                 f"![{family.title}](pictures/{picture_name(family)})\n"
@@ -57,24 +56,24 @@ def picture_name(family: Family) -> str:
     return f"hard-{family.title.lower().replace(' ', '-')}.png"
 
 
-def table(families: Iterable[Family], kept: Mapping[str, Kept]) -> str:
+def table(families: Iterable[Family], results: Mapping[str, Result]) -> str:
     """Return the table in Markdown."""
     lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---|---:|---:|---:|---:|---:|---:|---|---|"]
     for family in families:
         lines += [
-            "| " + " | ".join(cells(row, kept[row.name])) + " |"
+            "| " + " | ".join(cells(row, results[row.name])) + " |"
             for row in family.rows
-            if row.name in kept
+            if row.name in results
         ]
     return "\n".join(lines) + "\n"
 
 
-def cells(row: Row, kept: Kept) -> list[str]:
+def cells(row: Row, result: Result) -> list[str]:
     """Return the cells of a row."""
-    figures = kept.figures
-    said = verdict(row, figures, kept.failure)
+    figures = result.figures
+    text = verdict(row, figures, result.failure)
     shown = [""] * 6 if figures is None else _figures(figures)
-    return [row.title, row.hard, *shown, row.remedy, said]
+    return [row.title, row.hard, *shown, row.remedy, text]
 
 
 def _figures(figures: Figures) -> list[str]:
@@ -91,8 +90,3 @@ def _figures(figures: Figures) -> list[str]:
 def wrapped(text: str, width: int = 100) -> str:
     """Return a paragraph in lines of a width."""
     return "\n".join(textwrap.wrap(text, width))
-
-
-def write(text: str, path: Path) -> None:
-    """Write the page."""
-    path.write_text(text, encoding="utf-8")

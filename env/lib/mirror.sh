@@ -12,7 +12,7 @@ own_mirror() {
 }
 
 # Prints the mirror for a root; nothing stands for mmdebstrap's default.
-mirror() { echo "${WOVENFAB_MIRROR:-$(own_mirror)}"; }
+mirror() { if [ -n "${WOVENFAB_MIRROR:-}" ]; then echo "$WOVENFAB_MIRROR"; else own_mirror; fi; }
 
 # Prints the proxy that apt is told to use, or nothing.
 apt_proxy() {

@@ -1,6 +1,6 @@
 # The list of Debian packages, and the key that names a root made from it.
 
-suite=trixie # Debian 13
+suite=${WOVENFAB_SUITE:-trixie} # Debian 13
 
 # Prints a list without comments and blank lines, one entry a line.
 entries() { sed -e 's/#.*//' -e 's/[[:space:]]*$//' -e '/^$/d' "$1"; }
@@ -13,7 +13,10 @@ root_key() {
   { echo "$suite $(uname -m) $recipe" && package_list; } | sha256sum | cut -c1-16
 }
 
-is_debian_13() { (. /etc/os-release && [ "${ID:-}:${VERSION_ID:-}" = debian:13 ]) 2>/dev/null; }
+# Whether the machine itself is the Debian that is asked for; sid has no version of its own.
+is_suite() {
+  [ "$suite" = trixie ] && (. /etc/os-release && [ "${ID:-}:${VERSION_ID:-}" = debian:13 ]) 2>/dev/null
+}
 
 packages_installed() {
   local wanted states

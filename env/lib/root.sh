@@ -1,4 +1,4 @@
-# A root: the files of a Debian 13 with the packages, in a folder of the user's cache.
+# A root: the files of a Debian with the packages, in a folder of the user's cache.
 #   <cache>/roots/<key>/tree     the files
 #   <cache>/roots/<key>/ready    written last; its time is that of the last use
 #   <cache>/roots/<key>.partial  one being made; what an interruption leaves is removed
@@ -38,7 +38,7 @@ make_root() {
   local partial=$1.partial start=$SECONDS
   remove_tree "$partial" && remove_tree "$1" || fail "the environment cannot be made here"
   mkdir -p "$partial/tree"
-  say "making the environment, once: Debian 13 with FEniCSx, about 3 GB and 4 minutes"
+  say "making the environment, once: Debian $suite with FEniCSx, about 3 GB and 4 minutes"
   say "in $1"
   scratch_folder >"$partial/scratch"
   if ! build "$partial/tree" "$(cat "$partial/scratch")"; then
@@ -58,14 +58,18 @@ make_root() {
 # closed to it, /tmp may be too small. It hands over a tar file, so that every file of the
 # root belongs to the user; device nodes stay out (a start lays its own /dev).
 build() {
-  local tree=$1 scratch=$2 mode=unshare proxy
+  local tree=$1 scratch=$2 mode=unshare proxy options=() source
+  mapfile -t source < <(mirror)
+  if [ "$suite" = sid ]; then # mirrors may be behind what its signature allows
+    options=(--aptopt='Acquire::Check-Valid-Until "false"')
+    source=("deb [trusted=yes] ${source:-http://deb.debian.org/debian} sid main")
+  fi
   [ "$(id -u)" -ne 0 ] || mode=root
   proxy=$(apt_proxy)
-  # shellcheck disable=SC2046  # no mirror, no argument
   TMPDIR=$scratch http_proxy=${http_proxy:-$proxy} "${WOVENFAB_MMDEBSTRAP:-mmdebstrap}" \
     --mode=$mode --variant=apt --format=tar \
     --dpkgopt=force-unsafe-io --aptopt='APT::Install-Recommends "false"' \
-    --include="$(package_list | paste -sd,)" "$suite" - $(mirror) </dev/null |
+    --include="$(package_list | paste -sd,)" "${options[@]}" "$suite" - "${source[@]}" </dev/null |
     tar --extract --no-same-owner --no-same-permissions --exclude='./dev/*' \
       --directory="$tree" &&
     chmod -R u+rwX "$tree" &&

@@ -2,16 +2,21 @@
 
 have() { command -v "$1" >/dev/null; }
 
+# Two starts at once install one after the other; apt waits for any other program's lock.
 apt_install() {
+  local lock
   say "installing with apt-get: $*"
+  exec {lock}>"$cache/apt.lock"
+  flock "$lock"
   apt-get update >&2 &&
-    DEBIAN_FRONTEND=noninteractive apt-get install --yes --no-install-recommends "$@" >&2
+    DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=300 \
+      install --yes --no-install-recommends "$@" >&2
 }
 
 can_install() { [ "$(id -u)" -eq 0 ] && have apt-get; }
 
 how_to_go_on() {
-  if is_debian_13; then
+  if is_suite; then
     cat >&2 <<EOF
 Once, as root, from the project's folder:
     sed 's/#.*//' env/packages.txt | xargs apt-get install --no-install-recommends

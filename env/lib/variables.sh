@@ -30,14 +30,19 @@ commit() {
 set_variables() {
   export PATH=$project/env/bin:/usr/bin:/bin:/usr/sbin:/sbin
   export PYTHONPATH=$project PYTHONNOUSERSITE=1 LANG=C.UTF-8
-  mkdir -p "$cache/cache"
-  export XDG_CACHE_HOME=$cache/cache # JIT and other caches, warm at the next start
+  # JIT and other caches, warm at the next start; another suite's own are a folder of them.
+  export XDG_CACHE_HOME=$cache/cache${WOVENFAB_SUITE:+/$suite}
+  mkdir -p "$XDG_CACHE_HOME"
   export WOVENFAB_COMMIT=${WOVENFAB_COMMIT-$(commit)} # what results and pictures tell
   export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower
   # mpirun: as root in a container, more ranks than cores, several runs on the same cores.
   export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1
-  export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
-  export PRTE_MCA_hwloc_default_binding_policy=none
+  if [ "$suite" = trixie ]; then
+    export PRTE_MCA_rmaps_default_mapping_policy=:oversubscribe
+    export PRTE_MCA_hwloc_default_binding_policy=none
+  else # their names since Open MPI 6
+    export PRTE_MCA_mapby=:oversubscribe PRTE_MCA_bindto=none
+  fi
   # One machine's ranks talk through its memory, whatever its network; a cluster sets its own.
   export OMPI_MCA_btl=${OMPI_MCA_btl:-self,sm}
   export WOVENFAB_ENTER=native # a start within a start runs the command directly

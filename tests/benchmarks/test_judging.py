@@ -1,22 +1,23 @@
-"""Verdicts follow from thresholds, results are kept, and a row can neither hang nor lie."""
+"""Verdicts follow from thresholds, results are stored, and a row can neither hang nor lie."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from math import inf, nan
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.hard import store, worker
+from benchmarks.hard import results
 from benchmarks.hard.crossing import exact_crossing
 from benchmarks.hard.families import families, row_named
 from benchmarks.hard.families.scales import Scale
 from benchmarks.hard.grids import crossed
 from benchmarks.hard.page import page, table
+from benchmarks.hard.results import Result, row_fingerprint, run_row
 from benchmarks.hard.row import Bound, Figures, Row, Setting, is_good, problems, together, verdict
-from benchmarks.hard.store import Kept
+from wovenfab.study.runner import Store
 
 GOOD = Figures(100, 4, 3.0, 5, 0, 0.5, 1e-3).with_checks(difference=1e-5)
 ROW = Row(
@@ -90,38 +91,38 @@ def test_together_keeps_the_worst_of_all_runs() -> None:
     assert (both.cutbacks, both.end, both.steps) == (3, "stopped", 16)
 
 
-def test_results_are_kept_for_the_same_sources_only(
+def test_a_row_is_run_again_only_if_its_case_or_the_code_has_changed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    kept, path = Kept(GOOD, "", 1.5, 0.2), tmp_path / "a" / "some.json"
-    assert store.load(path) is None
-    store.save(kept, path)
-    assert store.load(path) == kept
-    monkeypatch.setattr(store, "fingerprint", lambda: "of other sources")
-    assert store.load(path) is None
-    assert store.load(path, any_sources=True) == kept
-    path.write_text('{"figures"')  # a file that an interruption left
-    assert store.load(path, any_sources=True) is None
+    result, store = Result(GOOD, "", 1.5, 0.2), Store(tmp_path / "a")
+    assert Result.of(store.load(ROW.name)) is None
+    store.save(ROW.name, row_fingerprint(ROW), asdict(result))
+    assert Result.of(store.load(ROW.name, row_fingerprint(ROW))) == result
+    assert row_fingerprint(ROW.small()) != row_fingerprint(ROW)
+    monkeypatch.setattr(results, "SOURCES", ())
+    assert store.load(ROW.name, row_fingerprint(ROW)) is None
+    assert Result.of(store.load(ROW.name)) == result
 
 
 def test_a_row_that_hangs_or_breaks_is_a_failure_and_not_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     row = row_named("large-p2-50mm")
-    monkeypatch.setattr(worker, "QUICK_LIMIT", 0.05)
-    assert worker.work(row, quick=True) == Kept(None, "no end within 0.05 s")
-    monkeypatch.setattr(worker, "QUICK_LIMIT", 60.0)
-    gone = worker.work(replace(row, name="no-such-row"), quick=True)
+    monkeypatch.setattr(results, "QUICK_LIMIT", 0.05)
+    late = run_row(row, quick=True)
+    assert late.figures is None and late.failure == "no end within 0.05 s"
+    monkeypatch.setattr(results, "QUICK_LIMIT", 60.0)
+    gone = run_row(replace(row, name="no-such-row"), quick=True)
     assert gone.figures is None and "no-such-row" in gone.failure
 
 
 def test_the_table_has_a_line_for_each_row_that_ran() -> None:
     family = replace(families()[0], rows=(ROW, replace(ROW, name="other")))
-    lines = table([family], {"some": Kept(GOOD)}).splitlines()
+    lines = table([family], {"some": Result(GOOD)}).splitlines()
     assert len(lines) == 3
     assert lines[2].count("|") == lines[0].count("|") == lines[1].count("|")
     assert "passed" in lines[2] and "3.0, 5" in lines[2]
-    text = page([family], {"some": Kept(GOOD)}, "## What else was tried\n")
+    text = page([family], {"some": Result(GOOD)}, "## What else was tried\n")
     assert text.count("![") == 1 and "What else" in text
 
 

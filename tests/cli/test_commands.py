@@ -279,11 +279,14 @@ def test_schema_is_json_and_version_is_said(tmp_path: Path) -> None:
 
 
 def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -> None:
-    """The ranks must agree to 1e-8 relative, and each line must be printed once."""
+    """The ranks must agree to 1e-8 of the largest, and each line must be printed once."""
     ended = wovenfab("run", "small.yaml", "-o", "two", cwd=folder, ranks=2)
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.count("done: 16 steps") == 1
-    for one, two in zip(rows(folder / "results" / "small"), rows(folder / "two"), strict=True):
-        for column in ("force_N", "energy_J", "dissipated_J"):
-            assert float(two[column]) == pytest.approx(float(one[column]), rel=1e-8, abs=1e-9)
+    for column in ("force_N", "energy_J", "dissipated_J"):
+        one, two = (
+            [float(row[column]) for row in rows(run)]
+            for run in (folder / "results" / "small", folder / "two")
+        )
+        assert two == pytest.approx(one, rel=0, abs=1e-8 * max(map(abs, one)))
         assert one["newton_iterations"] == two["newton_iterations"]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 from petsc4py import PETSc
-from tests.commands.test_commands import CASE, rows, wovenfab
 
+from tests.cli.test_commands import CASE, rows, wovenfab
 from wovenfab.cli.console import INTERRUPTED, was_interrupted
 
 

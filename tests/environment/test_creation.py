@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
 import time
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from tests.environment.machine import Machine
+from tests.environment.machine import PROJECT, Machine
 
 
 def wait_for(holds: Callable[[], bool]) -> None:
@@ -95,6 +96,33 @@ def test_another_list_stands_beside_the_projects_own(machine: Machine) -> None:
     assert Path(run.stdout.strip()) != own
     assert (own / "ready").exists()
     assert (Path(run.stdout.strip()) / "ready").read_text() == "paraview\n"
+
+
+def test_another_suite_is_another_environment_made_without_a_look_at_its_dates(
+    machine: Machine,
+) -> None:
+    own = machine.root()
+    machine.builder(f'printf "%s\\n" "$@" >\'{machine.folder}/asked\'')
+    settings = {"WOVENFAB_SUITE": "sid", "WOVENFAB_MIRROR": "http://mirror/debian"}
+    run = machine.enter("--where", **settings)
+    assert Path(run.stdout.strip()) != own
+    asked = (machine.folder / "asked").read_text().splitlines()
+    assert asked[-3:] == ["sid", "-", "deb [trusted=yes] http://mirror/debian sid main"]
+    assert '--aptopt=Acquire::Check-Valid-Until "false"' in asked
+    caches = [
+        machine.enter("sh", "-c", 'echo "$XDG_CACHE_HOME"', WOVENFAB_ENTER="native", **suite).stdout
+        for suite in ({}, settings)
+    ]
+    assert caches[1] == caches[0].strip() + "/sid\n"
+
+
+def test_two_installations_at_once_wait_for_each_other(machine: Machine) -> None:
+    script = f"""
+        cache={machine.folder}; say() {{ :; }}; . '{PROJECT}/env/lib/tools.sh'
+        apt-get() {{ mkdir {machine.folder}/busy && sleep 0.2 && rmdir {machine.folder}/busy; }}
+        apt_install a & apt_install b & wait %1 && wait %2"""
+    run = subprocess.run(["bash", "-euc", script], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
 
 
 def test_comments_and_order_do_not_make_another_environment(clone: Machine) -> None:

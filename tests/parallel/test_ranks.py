@@ -20,9 +20,12 @@ from forms.balance import Balance
 from forms.facet_terms import FacetTerm
 from forms.kinematics import Facet
 from tests import scenes
+from wovenfab.case import read_case
 from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.gmsh_io import GeometryError, from_file, graded_rectangle
 from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import problem as solver_module
 from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
@@ -33,7 +36,7 @@ from wovenfab.stepping.time_stepper import TimeStepper
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
-MESHES = Path(__file__).parents[2] / "meshes"
+MESHES, CONFIGS = (Path(__file__).parents[2] / folder for folder in ("meshes", "configs"))
 SLIDING = (*scenes.COUPLED, "slip_friction")
 ONE_CYCLE = program_of(cycle(0.0, 0.04, 0.25, 8))
 
@@ -118,6 +121,15 @@ def test_grips_that_several_ranks_share_have_the_same_reactions(names: tuple[str
     assert sum(holders) > 1
     program = program_of([ramp(0.0, 1e-3, 1.0, 2)])
     compare(broad, names, scenes.PROTOTYPE_TWO_STEPS, program, "bdf2")
+
+
+def test_displacements_by_a_formula_are_attained_on_every_rank() -> None:
+    """Ranks round the position of a node that they share differently: its owner's value counts."""
+    case = read_case(CONFIGS / "picture-frame.yaml", ["program.to=7.5 mm", "program.steps=1"])
+    with Simulation(case, sheet_of(case, COMM)) as simulation:
+        outcome = simulation.run()
+        assert outcome.failure is None and outcome.cutbacks == 0
+        assert not simulation.solver.problem.constraints.unmet(simulation.model.field)
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
@@ -252,7 +264,7 @@ def test_the_step_limit_is_that_of_the_worst_rank() -> None:
     limits = []
     for comm in (COMM, ALONE):
         model = scenes.model(structured(comm), scenes.BONDED, scenes.PROTOTYPE)
-        _, equilibrium = scenes.solver(model)
+        equilibrium = scenes.solver(model)
         # Families cross first near the right end, on one rank.
         scenes.set_field(
             equilibrium.crossing.direction,

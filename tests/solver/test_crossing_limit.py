@@ -88,7 +88,7 @@ def bonded() -> Model:
 
 def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
     model = bonded()
-    _, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
     barrier, random = equilibrium.crossing, np.random.default_rng(42)
     x = model.field.x.petsc_vec.duplicate()
     y = x.duplicate()
@@ -142,7 +142,7 @@ def test_without_the_limit_a_step_tunnels_through_the_barrier_and_even_converges
 
 def test_a_limited_step_goes_its_share_of_the_way() -> None:
     model = bonded()
-    _, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
     f_1_onto_f_2 = np.array([[-0.5, 1.0], [0.0, 0.0]])  # of the gradient, D = ±45°
     scenes.set_field(equilibrium.crossing.direction, lambda x: f_1_onto_f_2 @ x[:2])
     limit = equilibrium.crossing.limit(equilibrium.crossing.direction.x.array)

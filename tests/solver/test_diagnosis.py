@@ -121,7 +121,7 @@ def test_locking_is_named_where_the_families_align() -> None:
 
 def diagnosis_of(model: Model, reason: str) -> Diagnosis:
     """Return what is said of a state if a solve that began there had failed."""
-    _, equilibrium = scenes.solver(model)
+    equilibrium = scenes.solver(model)
     state = model.field.x.array.copy()
     outcome = SolveResult(False, reason, 25, 1.0)
     found = diagnose(equilibrium, outcome, state)

@@ -12,7 +12,9 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
+from wovenfab.solver.globalisation import LineSearch
 from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 CUBIC = Numerics(3)
 LARGE = 0.1
@@ -111,19 +113,68 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
     equilibrium.destroy()
 
 
-def test_a_petsc_option_of_a_case_reaches_its_solver_and_no_later_one() -> None:
-    controls = SolverOptions(options={"ksp_type": "gmres"})
-    _, equilibrium = scenes.solver(bonded(scenes.PROTOTYPE, 0.15), controls=controls)
-    found = equilibrium.linear.method[0]
-    equilibrium.destroy()
-    _, plain = scenes.solver(bonded(scenes.PROTOTYPE, 0.15))
-    later = plain.factor.method[0]
-    plain.destroy()
-    PETSc.Options().delValue("ksp_type")  # should it have stayed, other tests need not suffer
-    assert (found, later) == ("gmres", "preonly")
+def test_two_live_solvers_have_petsc_options_of_their_own() -> None:
+    model, before = bonded(scenes.PROTOTYPE, 0.15), PETSc.Options().getAll()
+    gmres = SolverOptions(options={"ksp_type": "gmres", "snes_max_it": 7})
+    first, second = scenes.solver(model, controls=gmres), scenes.solver(model)
+    assert (first.linear.method[0], second.linear.method[0]) == ("gmres", "preonly")
+    assert first.newton.snes.getTolerances()[3] == 7 != second.newton.snes.getTolerances()[3]
+    first.destroy()  # what the second one still has to read stays
+    second.problem.prescribe(1e-3)
+    assert second.solve().converged
+    assert second.linear.factor.getMumpsIcntl(13) == 1
+    second.destroy()
+    assert PETSc.Options().getAll() == before
+
+
+def test_options_of_the_command_line_reach_each_solver_and_win() -> None:
+    model, database = bonded(scenes.PROTOTYPE, 0.15), PETSc.Options()
+    database["ksp_type"] = "cg"
+    try:
+        equilibrium = scenes.solver(model, controls=SolverOptions(options={"ksp_type": "gmres"}))
+        assert equilibrium.linear.method[0] == "cg"
+        equilibrium.destroy()
+    finally:
+        database.delValue("ksp_type")
 
 
 def test_every_outcome_has_a_name() -> None:
     model = bonded(scenes.PROTOTYPE, 0.15)
     outcome, _ = one_step(model, LARGE, SolverOptions(max_iterations=1))
     assert outcome == SolveResult(False, "DIVERGED_MAX_IT", 1, outcome.residual, tangents=1)
+
+
+def test_an_exception_restores_what_is_overwritten_for_a_moment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The weight of the geometric part, weights of effects, and the field in a line search."""
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    model = bonded(scenes.PROTOTYPE, 0.15)
+    equilibrium = scenes.solver(model)
+    newton, constants = equilibrium.newton, [model.whole, *model.weights.values()]
+    x, y = newton.solution.copy(), newton.solution.copy()
+    y.set(1e-3)
+    monkeypatch.setattr("wovenfab.model.model.assemble_scalar", fail)
+    monkeypatch.setattr(type(equilibrium.problem), "energy", fail)
+    monkeypatch.setattr(type(equilibrium.problem), "evaluate_tangent", fail)
+    monkeypatch.setattr(TangentSpectrum, "saddle", True)
+    monkeypatch.setattr(newton._search, "along", lambda *_, **__: 0.5)
+    for attempt in (model.stored_energy, lambda: newton._go_down(x, y, 1.0)):
+        with pytest.raises(MemoryError):
+            attempt()
+        assert [float(constant.value) for constant in constants] == [1.0] * len(constants)
+    before, search = (
+        model.field.x.array.copy(),
+        LineSearch(equilibrium.problem, equilibrium.crossing),
+    )
+    search.potential = 0.0
+    equilibrium.crossing.limit(y.array_r)
+    with pytest.raises(MemoryError):
+        search.along(1.0, 1.0, lambda energy: 0.0)
+    assert (model.field.x.array == before).all()
+    for vector in (x, y):
+        vector.destroy()
+    equilibrium.destroy()

@@ -17,12 +17,18 @@ from tests import scenes
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.accuracy import study_accuracy
-from wovenfab.study.accuracy.climb import Runner
-from wovenfab.study.accuracy.ladder import Ladder, best_of, order_of, own_error
-from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, Measured, RmsBeta, measure
-from wovenfab.study.accuracy.runs import KeptRuns
+from wovenfab.study.accuracy.errors import Refinement, best_of, order_of, own_error
+from wovenfab.study.accuracy.measure import (
+    DISSIPATED,
+    PEAK_FORCE,
+    Measured,
+    RmsBeta,
+    StoredRuns,
+    measure,
+)
 from wovenfab.study.accuracy.settings import Setting
-from wovenfab.study.accuracy.study import TARGETS, Study, study
+from wovenfab.study.accuracy.strategy import Runner, run_study
+from wovenfab.study.accuracy.study import TARGETS, Study
 
 #: A strip along its yarns whose stiffness varies: springs in series.
 SPRINGS = """
@@ -68,7 +74,7 @@ def counted(path: Path) -> Runner:
 
 
 def studied(path: Path, budget: float) -> Study:
-    return study(path, (), counted(path), budget, lambda *_: None)
+    return run_study(read_case(path), counted(path), budget, lambda *_: None)
 
 
 @pytest.mark.slow  # what a study finds depends on the time it has
@@ -134,40 +140,40 @@ def test_the_order_is_found_from_sizes_of_any_ratio(order: float) -> None:
     sizes = (1.0, 0.7, 0.2)
     values = tuple(5 - 2 * h**order for h in sizes)
     assert order_of(sizes, values) == pytest.approx(order)
-    assert own_error(Ladder("a", sizes, values, 4)) == pytest.approx(2 * 0.2**order)
+    assert own_error(Refinement("a", sizes, values, 4)) == pytest.approx(2 * 0.2**order)
 
 
 def test_a_higher_order_than_in_theory_is_taken_for_chance() -> None:
-    ladder = Ladder("a", (4, 2, 1), (1.0, 1.8, 1.801), 2)
+    ladder = Refinement("a", (4, 2, 1), (1.0, 1.8, 1.801), 2)
     assert own_error(ladder) == pytest.approx(0.8 / 4 / 3)
 
 
 def test_without_an_order_nothing_is_extrapolated() -> None:
     assert order_of((4, 2, 1), (1.0, 2.0, 1.5)) is None
-    assert own_error(Ladder("a", (4, 2, 1), (1.0, 2.0, 1.5), 2)) == 1.0
-    assert own_error(Ladder("a", (1,), (1.0,), 2)) == np.inf
+    assert own_error(Refinement("a", (4, 2, 1), (1.0, 2.0, 1.5), 2)) == 1.0
+    assert own_error(Refinement("a", (1,), (1.0,), 2)) == np.inf
 
 
 def test_where_refinement_is_irregular_no_order_is_believed() -> None:
-    ladder = Ladder("adaptive", (4, 2, 1), (2.0, 1.2, 1.19), 2, regular=False)
+    ladder = Refinement("adaptive", (4, 2, 1), (2.0, 1.2, 1.19), 2, regular=False)
     assert own_error(ladder) == pytest.approx(0.8)
 
 
 def test_a_method_that_converges_to_something_else_is_not_believed() -> None:
-    wrong = Ladder("wrong", (4, 2, 1), (2.16, 2.04, 2.01), 2)
-    right = Ladder("right", (4, 2, 1), (1.4, 1.2, 1.1), 2)
+    wrong = Refinement("wrong", (4, 2, 1), (2.16, 2.04, 2.01), 2)
+    right = Refinement("right", (4, 2, 1), (1.4, 1.2, 1.1), 2)
     best = best_of([right, wrong])
     assert best.method == "wrong"
     assert best.error == pytest.approx(0.91), "right goes the other way"
-    upwards = Ladder("right", (4, 2, 1), (2.4, 2.6, 2.7), 2)
+    upwards = Refinement("right", (4, 2, 1), (2.4, 2.6, 2.7), 2)
     assert best_of([upwards, wrong]).error == pytest.approx(0.69)
-    unclear = Ladder("right", (4, 2, 1), (2.5, 2.8, 2.7), 2)
+    unclear = Refinement("right", (4, 2, 1), (2.5, 2.8, 2.7), 2)
     assert best_of([unclear, wrong]).error == pytest.approx(0.69 - 0.3)
 
 
 def test_a_method_that_is_on_its_way_to_the_best_answer_supports_it() -> None:
-    near = Ladder("near", (4, 2, 1), (2.16, 2.04, 2.01), 2)
-    behind = Ladder("behind", (4, 2, 1), (2.32, 2.16, 2.08), 2)
+    near = Refinement("near", (4, 2, 1), (2.16, 2.04, 2.01), 2)
+    behind = Refinement("behind", (4, 2, 1), (2.32, 2.16, 2.08), 2)
     assert best_of([behind, near]).error == own_error(near) == pytest.approx(0.01)
 
 
@@ -191,7 +197,7 @@ def test_the_command_keeps_its_runs_and_says_what_is_cheapest(
     with (output / "accuracy.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert rows and all(int(row["peak_memory_B"]) > 50e6 for row in rows)
-    assert all(float(row["peak_force_N"]) > 0 for row in rows)
+    assert all(float(row["peak_force_interpolated_N"]) > 0 for row in rows)
     assert (output / "accuracy-space.png").stat().st_size > 10_000
     assert study_accuracy(path, output, (), 1e-3) == 0
     assert f"{len(rows)} of {len(rows)} runs were there already" in capfd.readouterr().out
@@ -207,10 +213,10 @@ def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path:
 
     setting = Setting("space", "any", 2, "any", ("discretisation.mesh_size=4 mm",), ())
     with pytest.raises(KeyboardInterrupt):
-        KeptRuns(path, (), tmp_path / "runs", interrupt)(setting)
+        StoredRuns(read_case(path), tmp_path / "runs", interrupt)(setting)
     assert not (tmp_path / "runs").exists()
     hopeless = Setting("space", "any", 2, "any", (), ("program.to=-2 m", "program.steps=1"))
-    found = KeptRuns(path, (), tmp_path / "runs")(hopeless)
+    found = StoredRuns(read_case(path), tmp_path / "runs")(hopeless)
     assert "no equilibrium" in found.failure
 
 

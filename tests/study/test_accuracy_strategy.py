@@ -11,12 +11,19 @@ import pytest
 from benchmarks.accuracy_page import ROOT, STUDIES
 from wovenfab.case import Case, read_case
 from wovenfab.stepping.schemes import SCHEMES
-from wovenfab.study.accuracy.climb import Forecast, Rung, forecast
-from wovenfab.study.accuracy.ladder import Best, Ladder, best_of
+from wovenfab.study.accuracy.errors import (
+    Best,
+    Combined,
+    Forecast,
+    Pair,
+    Refinement,
+    best_of,
+    forecast,
+)
 from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, Measured
-from wovenfab.study.accuracy.pairs import Pair, Together
 from wovenfab.study.accuracy.settings import Setting
-from wovenfab.study.accuracy.study import TARGETS, Run, Study, study
+from wovenfab.study.accuracy.strategy import MethodState, run_study
+from wovenfab.study.accuracy.study import TARGETS, Run, Study
 
 EXACT = {PEAK_FORCE: 344.0, DISSIPATED: 3.16}
 SLIP = next(shown for shown in STUDIES if shown.name == "slip")
@@ -76,7 +83,7 @@ class Formula:
 
 
 def studied(runner: Formula, budget: float = 300.0) -> Study:
-    return study(ROOT / SLIP.case, SLIP.settings, runner, budget, lambda *_: None)
+    return run_study(read_case(ROOT / SLIP.case, SLIP.settings), runner, budget, lambda *_: None)
 
 
 @pytest.mark.parametrize("mixed", [0.0, 4.0, -8.0])
@@ -107,14 +114,14 @@ def test_time_goes_to_methods_that_get_there() -> None:
 
 def test_a_ladder_rests_where_two_others_are_ahead_of_its_next_run() -> None:
     run = Run(Setting("space", "P3", 3, "20 mm", (), ()), Measured(), 0.02)
-    ahead, good, late = (Rung(iter(()), [run] * 3, error=e) for e in (1e-4, 3e-4, 2e-3))
+    ahead, good, late = (MethodState(iter(()), [run] * 3, error=e) for e in (1e-4, 3e-4, 2e-3))
     all_of_them = [ahead, good, late]
-    late.foreseen, good.foreseen = 4e-4, 1e-4
-    assert not late.helps(all_of_them)
-    assert good.helps(all_of_them)
-    late.foreseen = 2e-4
-    assert late.helps(all_of_them)
-    assert late.helps([ahead, late]), "the best answer needs a check"
+    late.next_error, good.next_error = 4e-4, 1e-4
+    assert not late.is_useful(all_of_them)
+    assert good.is_useful(all_of_them)
+    late.next_error = 2e-4
+    assert late.is_useful(all_of_them)
+    assert late.is_useful([ahead, late]), "the best answer needs a check"
 
 
 def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
@@ -129,17 +136,17 @@ def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
     assert re.search("both (time|space) .*both", " ".join(runner.stages)), "it goes on"
 
 
-def together(mixed: float, *points: tuple[float, float]) -> Together:
+def together(mixed: float, *points: tuple[float, float]) -> Combined:
     """Return the answers for V = 3 (1 + 0.02 h) (1 + 0.04 k) + mixed h k, at h = k = 1 first."""
 
     def value(h: float, k: float) -> float:
         return 3 * (1 + 0.02 * h) * (1 + 0.04 * k) + mixed * h * k
 
     sizes = tuple(0.5**n for n in range(8))
-    space = best_of([Ladder("s", sizes, tuple(value(h, 1) for h in sizes), 1)])
-    time = best_of([Ladder("t", sizes, tuple(value(1, k) for k in sizes), 1)])
+    space = best_of([Refinement("s", sizes, tuple(value(h, 1) for h in sizes), 1)])
+    time = best_of([Refinement("t", sizes, tuple(value(1, k) for k in sizes), 1)])
     pairs = tuple(Pair(value(h, k), value(h, 1), value(1, k)) for h, k in points)
-    return Together(space, time, value(1, 1), pairs)
+    return Combined(space, time, value(1, 1), pairs)
 
 
 def test_both_errors_together_cover_the_answer_to_a_product_and_its_mixed_part() -> None:
@@ -164,18 +171,18 @@ def test_a_pair_at_the_base_changes_nothing() -> None:
 
 def test_nothing_is_known_of_both_where_one_is_not_known() -> None:
     unknown = Best(3.0, float("inf"), "s")
-    assert Together(unknown, Best(3.0, 0.1, "t"), 3.1).best.error == float("inf")
+    assert Combined(unknown, Best(3.0, 0.1, "t"), 3.1).best.error == float("inf")
 
 
 def test_a_forecast_adds_the_times_of_the_runs_that_are_needed() -> None:
     best = [Best(1.0, 0.0, "other")]
-    found = forecast([Ladder("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
+    found = forecast([Refinement("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
     assert found.error == pytest.approx(0.01)
     assert found.time(0.01 / 4**3, 5.0, 3.0) == pytest.approx(5 + 15 + 45)
     assert found.time(0.02, 5.0, 3.0) == 0
-    away = forecast([Ladder("a", (1, 0.5), (1.01, 1.04), 2)], best)
+    away = forecast([Refinement("a", (1, 0.5), (1.01, 1.04), 2)], best)
     assert away.time(0.01, 5.0, 3.0) == float("inf")
-    assert forecast([Ladder("a", (1,), (1.0,), 2)], best) == Forecast()
+    assert forecast([Refinement("a", (1,), (1.0,), 2)], best) == Forecast()
 
 
 def test_a_pair_that_is_coarser_tells_nothing_of_the_base() -> None:

@@ -12,19 +12,25 @@ from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.prolongation import prolongated
-from wovenfab.simulation.response import brief, discretised, paced, response_of, steps_in
+from wovenfab.simulation.response import (
+    planned_steps,
+    response_of,
+    trial_of,
+    with_elements,
+    with_steps,
+)
 from wovenfab.study.target_accuracy.cost_model import Limits
-from wovenfab.study.target_accuracy.error_map import shares
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
     PEAK,
+    DegreeRefinement,
     Estimate,
-    Ladder,
-    Pair,
+    StepRefinement,
     error_of_degrees,
     error_of_steps,
-    rung,
+    error_shares,
+    response_with_degree,
     worst,
 )
 from wovenfab.study.target_accuracy.plan import plan
@@ -46,11 +52,13 @@ def sheet(case: Case) -> Sheet:
 def estimated(case: Case, share: float = FEW) -> Estimate:
     on, degree = sheet(case), case.discretisation.degree
     degrees = degree - 1, degree, degree + 1
-    ladder = Ladder(degrees, tuple(rung(brief(case, 1e-3), on, p, share) for p in degrees))
+    refinement = DegreeRefinement(
+        degrees, tuple(response_with_degree(trial_of(case, 1e-3), on, p, share) for p in degrees)
+    )
     if not case.needs.rate:
-        return Estimate(ladder, degree)
-    pair = Pair(response_of(paced(case, 0.5), on), response_of(case, on), order=2)
-    return Estimate(ladder, degree, pair.errors())
+        return Estimate(refinement, degree)
+    pair = StepRefinement(response_of(with_steps(case, 0.5), on), response_of(case, on), order=2)
+    return Estimate(refinement, degree, pair.errors())
 
 
 def elements(degree: int, mesh_size: float) -> str:
@@ -118,7 +126,7 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
     low, high = (response_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
     few, many = (response_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
-    limits = {PEAK: many.crest, DISSIPATED: many.figures[DISSIPATED]}
+    limits = {PEAK: many.peak_force_bound, DISSIPATED: many.figures[DISSIPATED]}
     for figure, error in found.relative.items():
         space = 1 - high[figure] / low[figure]
         time = 1 - limits[figure] / few.figures[figure]
@@ -136,9 +144,9 @@ def test_the_map_is_that_of_the_true_error(name: str) -> None:
     case = case_of(name, "program={type: ramp, to: 40 mm, steps: 2}", elements(2, 0.15))
     on = sheet(case)
     low, next_one, far_better = (
-        response_of(discretised(case, degree=p), on).model for p in (2, 3, 5)
+        response_of(with_elements(case, degree=p), on).model for p in (2, 3, 5)
     )
-    told, true = shares(low, next_one), shares(low, far_better)
+    told, true = error_shares(low, next_one), error_shares(low, far_better)
     assert told.sum() == pytest.approx(1)
 
     def misplaced(share: np.ndarray) -> float:
@@ -153,7 +161,7 @@ def test_the_map_is_that_of_the_true_error(name: str) -> None:
 def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
     case = case_of(name, elements(3, 0.15))
     on = sheet(case)
-    low, high = model_of(case, on), model_of(discretised(case, degree=4), on)
+    low, high = model_of(case, on), model_of(with_elements(case, degree=4), on)
 
     def cubic(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0] ** 3 - x[1], x[0] * x[1] ** 2])
@@ -217,7 +225,7 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(
     trace = response_of(found.case, found.sheet)
     for figure, limit in ((PEAK, force), (DISSIPATED, dissipated)):
         error, said = abs(trace.figures[figure] / limit - 1), found.estimate.relative[figure]
-        print(f"{name} {figure}, {trace.steps} steps: said {said:.2%}, true {error:.2%}")
+        print(f"{name} {figure}, {trace.count} steps: said {said:.2%}, true {error:.2%}")
         assert error < said < 0.01
 
 
@@ -225,14 +233,14 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(
 def test_steps_that_begin_near_a_lower_degree_take_fewer_tangents(factor: str) -> None:
     """Where all are renewed, each iteration takes one."""
     chosen = CYCLE, f"solver.factor={factor}", elements(2, 0.15)
-    case = brief(case_of("bias-1x3", *chosen), 1e-4)
+    case = trial_of(case_of("bias-1x3", *chosen), 1e-4)
     on = sheet(case)
-    low = rung(case, on, 3)
-    afresh, near = rung(case, on, 4), rung(case, on, 4, below=low)
-    print(f"\n{near.tangents} tangents near, {afresh.tangents} afresh")
-    assert near.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.crest)
+    low = response_with_degree(case, on, 3)
+    afresh, near = response_with_degree(case, on, 4), response_with_degree(case, on, 4, lower=low)
+    print(f"\n{near.outcome.tangents} tangents near, {afresh.outcome.tangents} afresh")
+    assert near.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.peak_force_bound)
     assert near.figures == pytest.approx(afresh.figures, rel=1e-5)
-    assert near.tangents < 0.9 * afresh.tangents
+    assert near.outcome.tangents < 0.9 * afresh.outcome.tangents
     assert list(near.states) == list(near.times)
     assert not response_of(case, on).states
 
@@ -242,7 +250,7 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
     said: list[str] = []
-    found = steps_for(case, brief(case, 0.05), sheet(case), 0.05, said.append)
+    found = steps_for(case, trial_of(case, 0.05), sheet(case), 0.05, said.append)
     first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in said[:3])
     assert first == second < third
     assert found is not None
@@ -253,5 +261,5 @@ def test_steps_are_thinned_alike_in_all_segments() -> None:
     cycles = "{type: cycles, amplitudes: [20 mm], frequency: 1 Hz}"
     hold = "{type: hold, duration: 1 s, steps: 20}"
     case = case_of("bias-1x3", "time.steps_per_cycle=80", f"program=[{cycles}, {hold}]")
-    assert steps_in(case) == 100
-    assert steps_in(paced(case, 0.25)) == 25
+    assert planned_steps(case) == 100
+    assert planned_steps(with_steps(case, 0.25)) == 25

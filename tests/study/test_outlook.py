@@ -7,17 +7,17 @@ import pytest
 from wovenfab.simulation.progress import memory
 from wovenfab.study.target_accuracy.cost_model import (
     Limits,
-    Tried,
-    beyond,
+    Trial,
     next_cells,
     out_of_reach,
+    over_limits,
 )
 
 
-def tried(cells: int, order: float = 3.0, seconds: float = 1.0) -> Tried:
+def tried(cells: int, order: float = 3.0, seconds: float = 1.0) -> Trial:
     """A trial whose unknowns grow like the area, and time like their power 1.2."""
     unknowns = 400 * cells**2
-    return Tried(cells, unknowns, seconds * (cells / 2) ** 2.4, 0.1 * (2 / cells) ** order)
+    return Trial(cells, unknowns, seconds * (cells / 2) ** 2.4, 0.1 * (2 / cells) ** order)
 
 
 @pytest.mark.parametrize("order", [2.0, 3.0, 4.0])
@@ -31,16 +31,16 @@ def test_the_cells_that_are_tried_next_are_enough_but_not_many_more(order: float
 def test_cells_are_not_multiplied_at_once() -> None:
     assert next_cells([tried(2)], 1e-9) == 4
     assert next_cells([tried(2)], 0.09) == 3
-    assert next_cells([Tried(3, 1000, 1.0, None)], 1e-9) == 4
+    assert next_cells([Trial(3, 1000, 1.0, None)], 1e-9) == 4
 
 
 def test_nothing_is_out_of_reach_by_one_mesh_alone() -> None:
     assert out_of_reach([tried(2)], 1e-12, Limits(0.0, 0.0)) == ("", 0.0)
-    assert beyond(10, [], Limits(0.0)) != ""
+    assert over_limits(10, [], Limits(0.0)) != ""
 
 
 @pytest.mark.parametrize("order", [3.0, 4.0])
-def test_an_accuracy_beyond_memory_is_out_of_reach(order: float) -> None:
+def test_an_accuracy_over_limits_memory_is_out_of_reach(order: float) -> None:
     made = [tried(4, order), tried(8, order)]
     wanted = 0.1 * (2 / 80) ** order
     need = memory(400 * 80**2)
@@ -51,7 +51,7 @@ def test_an_accuracy_beyond_memory_is_out_of_reach(order: float) -> None:
     assert 1 < reachable / wanted < 1.25
 
 
-def test_an_accuracy_beyond_time_is_out_of_reach() -> None:
+def test_an_accuracy_over_limits_time_is_out_of_reach() -> None:
     made = [tried(4), tried(8)]
     wanted = 0.1 * (2 / 80) ** 3
     takes = made[0].seconds + made[1].seconds * (1 + 10**2.4)

@@ -7,16 +7,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wovenfab.simulation.peak_force import peak_force, upper_peak_force
+from wovenfab.simulation.peak_force import interpolated_peak_force, peak_force_bound
 
 Largest = Callable[[np.ndarray, np.ndarray], float]
 
 
 def smooth_peak_of(times: np.ndarray, forces: np.ndarray) -> float:
-    return peak_force(times, forces, [False] * len(times))
+    return interpolated_peak_force(times, forces, [False] * len(times))
 
 
-BOTH = pytest.mark.parametrize("largest", [upper_peak_force, smooth_peak_of])
+BOTH = pytest.mark.parametrize("largest", [peak_force_bound, smooth_peak_of])
 
 
 @BOTH
@@ -44,8 +44,8 @@ def test_a_crest_between_steps_is_found(kink: float) -> None:
     times = np.linspace(0, 1, 33)
     true = force(np.linspace(0, 1, 100_001)).max()
     sampled = force(times)
-    assert abs(upper_peak_force(times, sampled) / true - 1) < 2e-3
-    assert abs(upper_peak_force(times, -sampled) + true) < 2e-3 * true
+    assert abs(peak_force_bound(times, sampled) / true - 1) < 2e-3
+    assert abs(peak_force_bound(times, -sampled) + true) < 2e-3 * true
 
 
 def test_where_a_layer_is_not_resolved_the_peak_is_not_overshot() -> None:
@@ -80,7 +80,7 @@ def test_where_the_velocity_jumps_the_step_itself_is_the_crest(largest: Largest)
 def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
     times = np.array([0.0, 0.5, 0.9, 1.6, 2.0])
     forces = 4 - (times - 1) ** 2
-    assert peak_force(times, forces, [False] * 5) == pytest.approx(4)
-    assert peak_force(times, -forces, [False] * 5) == pytest.approx(-4)
-    assert peak_force(times, forces, [True] * 5) == forces[2]
-    assert peak_force(times[:3], forces[:3], [False] * 3) == forces[2]
+    assert interpolated_peak_force(times, forces, [False] * 5) == pytest.approx(4)
+    assert interpolated_peak_force(times, -forces, [False] * 5) == pytest.approx(-4)
+    assert interpolated_peak_force(times, forces, [True] * 5) == forces[2]
+    assert interpolated_peak_force(times[:3], forces[:3], [False] * 3) == forces[2]

@@ -8,7 +8,7 @@ import pytest
 
 from wovenfab.case import CaseError, Rectangle
 from wovenfab.simulation.from_case import program_of_case
-from wovenfab.study.members import Member, members_of
+from wovenfab.study.sweep import Member, members_of
 from wovenfab.study.variations import grid, is_sweep_file, read_over, read_sweep_file
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))

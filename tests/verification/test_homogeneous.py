@@ -166,7 +166,8 @@ def test_turning_both_grips_together_needs_no_force() -> None:
         Held(field=lambda x, y, angle: (cos(angle) - 1) * x - sin(angle) * y),
         Held(field=lambda x, y, angle: sin(angle) * x + (cos(angle) - 1) * y),
     )
-    constraints, equilibrium = scenes.solver(model, (Grip("left", turn), Grip("right", turn)))
+    equilibrium = scenes.solver(model, (Grip("left", turn), Grip("right", turn)))
+    constraints = equilibrium.problem.constraints
     for angle in np.linspace(0, pi / 2, 9):
         constraints.set(angle)
         assert equilibrium.solve().converged

@@ -47,7 +47,7 @@ Overrides = Sequence[str] | Mapping[str, Any]
 
 #: Cells across a rectangle unless the case says more: along the fibres few are enough.
 CELLS = {"fibres": 4, "crossed": 10, "right": 10, "unstructured": 10}
-#: What is found by the program, and not said by the case, where an accuracy is asked for.
+#: What the program chooses where an accuracy is asked for.
 CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle", "tolerance"}}
 
 
@@ -280,7 +280,8 @@ def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
             if not field.is_required():
                 sections[name] = field.default
             continue
-        kind: Any = Annotated[field.annotation, field]
+        more = tuple(field.metadata)
+        kind: Any = Annotated[field.annotation, *more] if more else field.annotation
         with suppress(ValidationError):
             sections[name] = TypeAdapter(kind).validate_python(data[key], context=context)
     return sections

@@ -24,10 +24,10 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         overrides: Values that replace those of the file.
         resolved: Whether to print the case as a whole instead.
     """
-    voice = Console()
+    console = Console()
     case = read_case(path, overrides)
     if resolved:
-        voice.say(case.to_yaml().rstrip())
+        console.say(case.to_yaml().rstrip())
         return 0
     from mpi4py import MPI
 
@@ -37,7 +37,7 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
 
     steps = len(program_of_case(case).milestones) - 1
     for line in describe(case, count_unknowns(case, sheet), steps):
-        voice.say(line)
+        console.say(line)
     return 0
 
 

@@ -9,9 +9,7 @@ from pathlib import Path
 from wovenfab.case import refusal
 from wovenfab.cli.console import FAILED_STEP, INTERRUPTED, Console, duration
 from wovenfab.simulation.progress import Progress
-from wovenfab.study.members import Member, members_of
-from wovenfab.study.sweep import Run, Sweep, sweep
-from wovenfab.study.table import printed, write_table
+from wovenfab.study.sweep import Member, Run, Sweep, markdown, members_of, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
 
@@ -26,42 +24,40 @@ def run_sweep(
     cases, variations = _varied(paths, over)
     members = members_of(cases, variations, overrides)
     directory = output or Path("results") / f"{paths[0].stem}-sweep"
-    voice = Console()
+    console = Console()
     try:
-        runs = run_members(members, directory, jobs, voice)
+        runs = run_members(members, directory, jobs, console)
     except KeyboardInterrupt:
-        voice.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
+        console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED
-    voice.say(f"\n{printed(runs)}\n\ntable and picture: {directory}")
+    console.say(f"\n{markdown(runs)}\n\ntable and picture: {directory}")
     _draw([run for run in runs if run.has_results], directory)
     return exit_code(runs)
 
 
 def run_members(
-    members: Sequence[Member], directory: Path, jobs: int | None, voice: Console
+    members: Sequence[Member], directory: Path, jobs: int | None, console: Console
 ) -> list[Run]:
-    """Run members side by side, tell how it goes and keep their table up to date."""
+    """Run members side by side; show the progress and update their table after each."""
     jobs = jobs or len(os.sched_getaffinity(0))
     phase = f"{len(members)} runs, {jobs} side by side"
 
-    def tell(now: Sweep, run: Run | None) -> None:
-        ended = sum(r.state not in ("waiting", "running") for r in now.runs)
-        voice.progress(Progress(phase, now.share))
+    def report(state: Sweep, run: Run | None) -> None:
+        ended, count = sum(r.ended for r in state.runs), len(state.runs)
+        console.progress(Progress(phase, state.share))
         if run is None:
             return
-        write_table(now.runs, directory)
+        write_table(state.runs, directory)
         if run.state == "failed":
-            voice.problem(f"{run.member.name} failed: {run.problem} (all it said: {run.log})")
-        if run.state != "kept" and now.left is not None:
-            left = f", about {duration(now.left)} left" if ended < len(now.runs) else ""
-            voice.say(
-                f"{ended} of {len(now.runs)}: {run.member.name} took {duration(run.seconds)}{left}"
-            )
+            console.problem(f"{run.member.name} failed: {run.problem} (its output: {run.log})")
+        if run.state != "unchanged" and state.left is not None:
+            left = f", about {duration(state.left)} left" if ended < count else ""
+            console.say(f"{ended} of {count}: {run.member.name} took {duration(run.seconds)}{left}")
 
-    with voice:
-        runs = sweep(members, directory, jobs, tell)
-    if kept := sum(run.state == "kept" for run in runs):
-        voice.say(f"{kept} of {len(runs)} runs were there already")
+    with console:
+        runs = sweep(members, directory, jobs, report)
+    if unchanged := sum(run.state == "unchanged" for run in runs):
+        console.say(f"{unchanged} of {len(runs)} runs were there already")
     return runs
 
 

@@ -22,6 +22,8 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 
+from wovenfab.compat import column_map
+
 #: A sum of compiled forms; the first one lives on the space of all placements.
 Sum = tuple[fem.Form, ...]
 
@@ -88,7 +90,7 @@ def _entries(form: fem.Form) -> Any:
     pattern = fem.create_sparsity_pattern(form)
     pattern.finalize()
     edges, offsets = pattern.graph
-    rows, columns = pattern.index_map(0), pattern.column_index_map()
+    rows, columns = pattern.index_map(0), column_map(pattern)
     offsets = offsets[: rows.size_local + 1]
     numbers = columns.local_to_global(np.asarray(edges[: offsets[-1]]))
     shape = (rows.size_local, columns.size_global)

@@ -185,9 +185,14 @@ class Constraints:
         ]
 
     def set(self, program: float, share: float = 1.0) -> None:
-        """Prescribe the placements for a program value (m), or a share of them."""
+        """Prescribe the placements for a program value (m), or a share of them; collective.
+
+        The rank that owns an unknown decides: ranks round its position, and so a formula of
+        it, differently, and a field that comes from the owner would never be equal to it.
+        """
         for part in self._parts:
             self._values.x.array[part.dofs] = share * part.held.at(part.positions, program)
+        self._values.x.scatter_forward()
 
     def reactions(self, force: Array) -> dict[str, tuple[float, float]]:
         """Return the force (N) that each edge exerts on the sheet, x and y.

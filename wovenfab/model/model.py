@@ -121,12 +121,11 @@ class Model:
     def shares(self, forms: Sum, names: Sequence[str]) -> dict[str, float]:
         """Return each named effect's share of weighted scalar forms (J or W)."""
         result = {}
-        for name in names:
-            for other, weight in self.weights.items():
-                weight.value = 1.0 if other == name else 0.0
-            result[name] = assemble_scalar(forms, self.comm)
-        for weight in self.weights.values():
-            weight.value = 1.0
+        with preserved(*self.weights.values()):
+            for name in names:
+                for other, weight in self.weights.items():
+                    weight.value = 1.0 if other == name else 0.0
+                result[name] = assemble_scalar(forms, self.comm)
         return result
 
     def stored_energy(self) -> dict[str, float]:
@@ -145,7 +144,7 @@ class Model:
 @contextmanager
 def preserved(*items: fem.Function | fem.Constant) -> Iterator[None]:
     """Restore fields (ghosts included) and constants at the end, also after an exception."""
-    arrays = [item.x.array if isinstance(item, fem.Function) else item.value for item in items]
+    arrays = [item.value if isinstance(item, fem.Constant) else item.x.array for item in items]
     before = [array.copy() for array in arrays]
     try:
         yield

@@ -15,12 +15,11 @@ from typing import Any
 import basix.ufl
 import numpy as np
 from dolfinx import fem, la
-from dolfinx.common import IndexMap
 from dolfinx.mesh import Mesh
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.compat import space_with
+from wovenfab.compat import index_map_of, space_with
 from wovenfab.model.split_nodes import MOST, SplitNodes, split_along
 
 Array = NDArray[np.float64]
@@ -146,7 +145,7 @@ def _doubled(
             ghost_owners.append(old.owners[theirs - own])
             copies.append(local)
         numbers.append(copies)
-    index_map = IndexMap(
+    index_map = index_map_of(
         mesh.comm,
         size,
         np.rint(np.concatenate(ghost_numbers)).astype(np.int64),

@@ -14,8 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from wovenfab.report.style import APART, QUIET, WIDTH, Values, house_style, save, sequence
-from wovenfab.study.accuracy.study import TARGETS, Run, Study
-from wovenfab.study.accuracy.table import QUANTITIES
+from wovenfab.study.accuracy.study import QUANTITIES, TARGETS, Run, Study
 from wovenfab.study.effects import Row
 
 #: Sizes and colour of the parts of stacked bars.

@@ -1,7 +1,8 @@
-"""The largest force of a curve that is known at steps only, between which it may lie.
+"""The peak force between the recorded steps of a run.
 
-The largest of the steps' own forces changes by chance from one step size to the next, in the
-same way with every scheme, and so hides how well it is known.
+``peak_force_N`` is the recorded force of largest size (``record.history.peak_force``). It changes
+by chance from one step size to the next, in the same way with every scheme, and so hides errors
+of the steps. A study of accuracy compares the interpolated peak, ``peak_force_interpolated_N``.
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.record.history import index_of_peak
+
 Array = NDArray[np.float64]
 #: Steps through which a parabola goes, and points between two steps where two are compared.
 THREE, BETWEEN = 3, 129
 
 
-def upper_peak_force(times: Array, forces: Array) -> float:
+def peak_force_bound(times: Array, forces: Array) -> float:
     """Return the force of largest size that the curve may reach, even by a kink.
 
     Before and after it the curve goes on as parabolas through three steps each, which meet
-    where it is largest, be that smooth or, where friction turns round, nearly a kink. Where
-    steps are so long that the curve bends more than they know, that is too much.
+    where it is largest, be that smooth or, where friction reverses, nearly a kink. Where
+    steps are too long to resolve the curvature, that is too much.
 
     Args:
         times: Of the steps, s, shape (n,).
@@ -39,11 +42,11 @@ def upper_peak_force(times: Array, forces: Array) -> float:
     return sign * best
 
 
-def peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
-    """Return the force of largest size that the curve reaches.
+def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
+    """Return the force of largest size that the curve reaches between its steps.
 
-    It is the top of the parabola through the largest step and its neighbours; but no more
-    than :func:`upper_peak_force`, for where friction turns round that parabola is led astray.
+    It is the maximum of the parabola through the largest step and its neighbours, but no more
+    than :func:`peak_force_bound`: where friction reverses, that parabola overshoots.
 
     Args:
         times: Of the steps, s, shape (n,).
@@ -57,13 +60,13 @@ def peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
     a, b, c = _parabola(times[around], sizes[around], times[at]).coef
     top = float(c - b * b / (4 * a)) if a else float(sizes[at])
     if THREE <= at < len(times) - THREE:  # there are parabolas before and after
-        top = min(top, abs(upper_peak_force(times, forces)))
+        top = min(top, abs(peak_force_bound(times, forces)))
     return sign * top
 
 
 def _largest(forces: Array) -> tuple[int, float, Array]:
     """Return which step's force is largest in size, its sign, and forces with that as plus."""
-    at = int(np.abs(forces).argmax())
+    at = index_of_peak(forces)
     sign = 1.0 if forces[at] >= 0 else -1.0
     return at, sign, sign * np.asarray(forces)
 

@@ -1,7 +1,4 @@
-"""What a run tells while it goes on: progress, and the wall time of its phases.
-
-How large a run is in memory, how large it was, and how large it may be.
-"""
+"""Progress, wall time and memory of a run."""
 
 from __future__ import annotations
 
@@ -20,13 +17,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Progress:
-    """What a listener is told.
+    """The progress of a run.
 
     Attributes:
-        phase: What is being done, in plain words.
+        phase: What is being done, in words.
         done: Share of the program that is done, 0 to 1.
         step: The step just accepted, or None.
-        unknowns: Number of unknowns once known.
+        unknowns: Number of unknowns, or None before the model is made.
     """
 
     phase: str

@@ -1,7 +1,4 @@
-"""A field of one degree in the unknowns of a higher one.
-
-Where steps begin with elements of higher degree: at the answer of the lower one.
-"""
+"""The initial guess of degree p+1 from the solution of degree p on the same mesh."""
 
 from __future__ import annotations
 
@@ -36,39 +33,40 @@ def prolongated(values: Array, low: Model, high: Model) -> Array:
 
 
 class Prolongation:
-    """States near those of a model: of lower degree, and what that lacked in the last steps.
+    """Initial guesses of steps from states of lower degree and the corrections so far.
 
-    The lack changes as smoothly as the motion, so that it is carried on along a line.
+    The correction by the higher degree is as smooth in time as the motion: it is extrapolated
+    linearly.
     """
 
     def __init__(self, states: Mapping[float, Array], low: Model, high: Model) -> None:
-        """Begin without any step.
+        """Start without any step.
 
         Args:
             states: Unknowns of the lower degree with ghosts (m) by time (s).
             low: Their model, on the same mesh as
-            high: the one that steps.
+            high: the one that is stepped.
         """
         self._states, self._low, self._high = states, low, high
-        self._lacks: list[tuple[float, Array]] = []
+        self._corrections: list[tuple[float, Array]] = []
 
     def guess(self, time: float) -> Array | None:
-        """Return the state to begin at for a time, or None where the lower degree has none."""
-        if (state := self._raised(time)) is None:
+        """Return the initial guess for a time, or None where there is no state of lower degree."""
+        if (state := self._prolongated(time)) is None:
             return None
-        if self._lacks:
-            (then, lack), *before = reversed(self._lacks)
-            state += lack
-            for earlier, less in before:
-                state += (lack - less) * ((time - then) / (then - earlier))
+        if self._corrections:
+            (then, last), *before = reversed(self._corrections)
+            state += last
+            for earlier, previous in before:
+                state += (last - previous) * ((time - then) / (then - earlier))
         return state
 
     def accept(self, time: float) -> None:
-        """Note what the lower degree lacked in the model's present field."""
-        if (state := self._raised(time)) is not None:
-            lack = (time, self._high.field.x.array - state)
-            self._lacks = [*self._lacks[-1:], lack]
+        """Store the correction in the model's present field."""
+        if (state := self._prolongated(time)) is not None:
+            correction = (time, self._high.field.x.array - state)
+            self._corrections = [*self._corrections[-1:], correction]
 
-    def _raised(self, time: float) -> Array | None:
+    def _prolongated(self, time: float) -> Array | None:
         state = self._states.get(time)
         return None if state is None else prolongated(state, self._low, self._high)

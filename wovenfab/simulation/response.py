@@ -1,4 +1,4 @@
-"""A run that writes nothing: what a case answers with other elements or steps."""
+"""A run without results on disk, and cases with other elements, steps and programs."""
 
 from __future__ import annotations
 
@@ -11,127 +11,140 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles, Hold, Ramp
 from wovenfab.model.model import Model
+from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import program_of_case
-from wovenfab.simulation.peak_force import upper_peak_force
+from wovenfab.simulation.peak_force import peak_force_bound
 from wovenfab.simulation.prolongation import Prolongation
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]
 #: Fewest steps of a segment or cycle.
 FEWEST = 4
-#: Share of an accuracy to which forces must balance where answers are compared.
+#: Share of an accuracy to which forces must balance where responses are compared.
 LOOSE = 0.1
 
 
 @dataclass(frozen=True)
 class Response:
-    """The answer of a case at its planned times, or at all where steps adapt.
+    """The response of a case at its planned times, or at all times where steps adapt.
 
     Attributes:
-        times: s, shape (n,).
-        displacements: Of the program, m.
-        forces: On the driven edge along its motion, N.
-        dissipated: Energy lost since the start, J.
-        iterations: Newton iterations, all together.
-        tangents: Number of them that formed one.
+        steps: The initial state and the steps at these times.
+        outcome: Effort of all steps.
         seconds: Wall time of the steps on this rank.
-        cutbacks: Rejected attempts: where there are some, there were more steps than planned.
         model: The model, whose field is that of the largest force.
-        states: The field by time, its unknowns with ghosts; empty where it is not kept.
+        states: The field by time, its unknowns with ghosts; empty unless asked for.
     """
 
-    times: Array
-    displacements: Array
-    forces: Array
-    dissipated: Array
-    iterations: int
-    tangents: int
+    steps: tuple[Step, ...]
+    outcome: Outcome
     seconds: float
-    cutbacks: int
     model: Model
     states: Mapping[float, Array]
 
     @property
+    def times(self) -> Array:
+        """Times, s, shape (n,)."""
+        return np.array([s.time for s in self.steps])
+
+    @property
+    def displacements(self) -> Array:
+        """Displacement of the program, m."""
+        return np.array([s.displacement for s in self.steps])
+
+    @property
+    def forces(self) -> Array:
+        """Force of the driven edge along its motion, N."""
+        return np.array([s.force for s in self.steps])
+
+    @property
+    def dissipated(self) -> Array:
+        """Energy dissipated since the start, J."""
+        return np.array([sum(s.dissipated.values()) for s in self.steps])
+
+    @property
     def figures(self) -> dict[str, float]:
-        """Largest force in size (N) and all the energy dissipated (J)."""
-        peak = float(self.forces[np.abs(self.forces).argmax()])
-        return {"peak_force_N": peak, "dissipated_J": float(self.dissipated[-1])}
+        """Peak force (N) and all the energy dissipated (J)."""
+        return {
+            "peak_force_N": peak_force(self.forces),
+            "dissipated_J": float(self.dissipated[-1]),
+        }
 
     @property
-    def steps(self) -> int:
-        """Number of steps."""
-        return len(self.times) - 1
+    def count(self) -> int:
+        """Number of steps after the initial state."""
+        return len(self.steps) - 1
 
     @property
-    def crest(self) -> float:
-        """Largest force in size (N), between steps, too."""
-        return upper_peak_force(self.times, self.forces)
+    def peak_force_bound(self) -> float:
+        """Force of largest size that the curve may reach, between steps, too, N."""
+        return peak_force_bound(self.times, self.forces)
 
 
 def response_of(
-    case: Case, sheet: Sheet, near: Response | None = None, keep: bool = False
+    case: Case, sheet: Sheet, lower: Response | None = None, with_states: bool = False
 ) -> Response:
-    """Return the answer of a case; collective.
+    """Return the response of a case; collective.
 
     Args:
         case: The case.
         sheet: Its sheet.
-        near: The answer with elements of lower degree on the same mesh, with its states: steps
-            to the same times begin there, which takes fewer tangents.
-        keep: Keep the states.
+        lower: The response of lower degree on the same mesh, with its states: the initial
+            guess of steps to the same times, which takes fewer tangents.
+        with_states: Whether the response has its states.
 
     Raises:
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
     every = case.time.tolerance is not None
-    rows: list[tuple[float, float, float, float]] = []
+    steps: list[Step] = []
     states: dict[float, Array] = {}
     with Simulation(case, sheet) as simulation:
         field = simulation.model.field.x.array
-        largest = [field.copy()]
-        start = None if near is None else Prolongation(near.states, near.model, simulation.model)
-        if start is not None:
-            simulation.stepper.start_from(start.guess)
+        at_peak, largest = field.copy(), 0.0
+        prolongation = None
+        if lower is not None:
+            prolongation = Prolongation(lower.states, lower.model, simulation.model)
+            simulation.stepper.start_from(prolongation.guess)
 
         def observe(step: Step) -> None:
+            nonlocal at_peak, largest
             if step.milestone is None and not every:
                 return
-            if abs(step.force) > max((abs(row[2]) for row in rows), default=0.0):
-                largest[0] = field.copy()
-            rows.append((step.time, step.displacement, step.force, sum(step.dissipated.values())))
-            if start is not None:
-                start.accept(step.time)
-            if keep:
+            if abs(step.force) > largest:
+                at_peak, largest = field.copy(), abs(step.force)
+            steps.append(step)
+            if prolongation is not None:
+                prolongation.accept(step.time)
+            if with_states:
                 states[step.time] = field.copy()
 
-        begun = perf_counter()
+        start = perf_counter()
         outcome = simulation.run(observe)
-        seconds = perf_counter() - begun
+        seconds = perf_counter() - start
         if outcome.failure is not None:
             raise outcome.failure
-        field[:] = largest[0]
-    times, displacements, forces, dissipated = np.array(rows).T
-    effort = outcome.iterations, outcome.tangents, seconds, outcome.cutbacks
-    return Response(times, displacements, forces, dissipated, *effort, simulation.model, states)
+        field[:] = at_peak
+    return Response(tuple(steps), outcome, seconds, simulation.model, states)
 
 
-def discretised(case: Case, **changes: object) -> Case:
+def with_elements(case: Case, **changes: object) -> Case:
     """Return a case with other elements, such as ``degree=2``."""
     d = case.discretisation.model_copy(update=changes)
     return case.model_copy(update={"discretisation": d})
 
 
-def brief(case: Case, accuracy: float) -> Case:
-    """Return a case with what matters for its accuracy: the largest of its cycles.
+def trial_of(case: Case, accuracy: float) -> Case:
+    """Return a shorter case with the same accuracy: only the largest of its cycles.
 
     Forces balance to the root of the solver's tolerance at least.
 
     Args:
         case: The case.
-        accuracy: To which answers will be compared.
+        accuracy: To which responses will be compared.
     """
     program = tuple(
         s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
@@ -144,12 +157,12 @@ def brief(case: Case, accuracy: float) -> Case:
     return case.model_copy(update={"program": program, "solver": solver})
 
 
-def paced(case: Case, share: float, tolerance: float | None = None) -> Case:
+def with_steps(case: Case, share: float, tolerance: float | None = None) -> Case:
     """Return a case with about this share of its planned steps; a table keeps its rows.
 
     Args:
         case: The case.
-        share: Wanted number of planned steps over that of the case.
+        share: Number of planned steps over that of the case.
         tolerance: By which steps adapt in between; None for planned steps.
     """
 
@@ -165,11 +178,11 @@ def paced(case: Case, share: float, tolerance: float | None = None) -> Case:
     return case.model_copy(update={"program": program, "time": time})
 
 
-def steps_in(case: Case) -> int:
+def planned_steps(case: Case) -> int:
     """Return the number of planned steps of a case."""
     return len(program_of_case(case).milestones) - 1
 
 
-def keeps_its_steps(case: Case) -> bool:
+def has_fixed_steps(case: Case) -> bool:
     """Return whether no segment can be divided in another number of steps."""
     return not any(isinstance(s, Cycles | Ramp | Hold) for s in case.program)

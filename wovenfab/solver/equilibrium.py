@@ -48,11 +48,13 @@ class EquilibriumSolver:
         model = problem.model
         self.problem, self._options, self._smooth_model = problem, options, model
         self.crossing = CrossingLimit(model)
-        self._petsc_options = PetscOptions(options)
-        direct = create_direct(model.comm)
+        self._petsc_options = PetscOptions(options.options)
+        direct = create_direct(model.comm, self._petsc_options.prefix)
         self._matrix = problem.create_tangent(upper=direct.getPC().getType() == "cholesky")
         self.linear = LinearSolver(direct, self._matrix, options.keep_from, sqrt(options.tolerance))
-        self.newton = self.newton_solver(problem, self._matrix, options, self.linear, self.crossing)
+        self.newton = self.newton_solver(
+            problem, self._matrix, options, self.linear, self.crossing, self._petsc_options.prefix
+        )
         # Set-valued friction always has its stress at points, other friction when it must.
         self._set_valued = self._stress_of(model) if model.carried else None
         problem.point_stress = self._set_valued

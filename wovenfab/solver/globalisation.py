@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from forms.kinematics import point_of, point_variation
 from wovenfab.model.compiler import compile_expression
-from wovenfab.model.model import Model
+from wovenfab.model.model import Model, preserved
 from wovenfab.solver.problem import Problem
 
 #: Value of f_1 × f_2 that counts as on the barrier. Round-off of positions of 1 m on cells of
@@ -186,7 +186,6 @@ class LineSearch:
         self.potential: float | None = None
         self.decrement, self.failures = np.inf, 0
         self._lowest = np.inf  # potential of an iterate of this solve, J
-        self._start = system.model.field.x.array.copy()
 
     def begin(self) -> None:
         """Begin a solve."""
@@ -219,8 +218,7 @@ class LineSearch:
             loose: Whether a whole step may rise a little from the lowest potential so far.
         """
         model, step = self._system.model, self._barrier.direction
-        field, start = model.field.x.array, self._start
-        start[:] = field
+        field, start = model.field.x.array, model.field.x.array.copy()
         before = self.measure() if self.potential is None else self.potential
         self._lowest = min(self._lowest, before)
         loose = loose and length == 1.0 and before == self._lowest
@@ -230,8 +228,10 @@ class LineSearch:
             field[:] = start + at * step.x.array
             return self._system.energy()
 
-        length, self.potential = backtrack(potential, before, slope, length, noise(before), rise)
-        field[:] = start
+        with preserved(model.field):
+            length, self.potential = backtrack(
+                potential, before, slope, length, noise(before), rise
+            )
         lost = self.potential is None or length < SHORTEST
         self.failures = self.failures + 1 if lost else 0
         risen = self.potential is not None and self.potential > before + noise(before)

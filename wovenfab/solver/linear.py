@@ -110,18 +110,20 @@ ACCURACY = 1e-8
 LONGEST_WAIT = 32
 
 
-def create_direct(comm: MPI.Comm, options: bool = True) -> Any:
+def create_direct(comm: MPI.Comm, prefix: str | None = None) -> Any:
     """Return a linear solver: a Cholesky factorisation by MUMPS; collective.
 
     Args:
         comm: Its ranks.
-        options: Whether PETSc's options may choose another one.
+        prefix: Beginning of the names of PETSc's options, which may choose another one; None
+            for no options.
     """
     direct = PETSc.KSP().create(comm)
+    direct.setOptionsPrefix(prefix or "wovenfab_own_")
     direct.setType("preonly")
     direct.getPC().setType("cholesky")
     direct.getPC().setFactorSolverType("mumps")
-    if options:
+    if prefix is not None:
         direct.setFromOptions()
     return direct
 
@@ -174,6 +176,11 @@ class LinearSolver:
         return bool(self._made == self._matrix.stateGet())
 
     @property
+    def factor(self) -> Any:
+        """PETSc's factor, which exists after the first solution."""
+        return self._pc.getFactorMatrix()
+
+    @property
     def negatives(self) -> int:
         """Number of negative pivots of the factor, over all ranks."""
         return self._told(NEGATIVE)
@@ -210,10 +217,10 @@ class LinearSolver:
         """Factorise the matrix as it is; null pivots, as of free motion, are not negative."""
         self._renew()
         if self.status < 0:
-            self._pc.getFactorMatrix().setMumpsIcntl(COUNT_NULL, 1)
+            self.factor.setMumpsIcntl(COUNT_NULL, 1)
             self._matrix.stateIncrease()  # so that it is factorised again
             self._renew()
-            self._pc.getFactorMatrix().setMumpsIcntl(COUNT_NULL, 0)
+            self.factor.setMumpsIcntl(COUNT_NULL, 0)
 
     def forget(self) -> None:
         """Let the next matrix be factorised."""
@@ -233,7 +240,7 @@ class LinearSolver:
         self._direct.destroy()
 
     def _told(self, number: int) -> int:
-        return int(self._pc.getFactorMatrix().getMumpsInfog(number))
+        return int(self.factor.getMumpsInfog(number))
 
     def _pays(self) -> bool:
         """Return whether to try the factor there is."""
@@ -256,7 +263,7 @@ class LinearSolver:
         if self.counts:
             entries = self._told(ENTRIES)
             entries = entries if entries >= 0 else -1_000_000 * entries  # millions
-            operations = self._pc.getFactorMatrix().getMumpsRinfog(OPERATIONS)
+            operations = self.factor.getMumpsRinfog(OPERATIONS)
             self._cost = operations / (OPERATIONS_PER_USE * max(entries, 1))
         self._spent, self._solved, self._last = self._cost, 0, 0
 

@@ -12,6 +12,8 @@ far from the paraboloid that the whole tangent is of.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -19,6 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from wovenfab.model.model import preserved
 from wovenfab.solver.convergence import Convergence, largest_cell
 from wovenfab.solver.globalisation import CROSSING_SHARE, CrossingLimit, LineSearch
 from wovenfab.solver.linear import LinearSolver, TangentReuse, distance_over
@@ -33,26 +36,42 @@ _REASONS = {
 }
 
 
-class PetscOptions:
-    """PETSc options that stay set while an object lives; PETSc reads some at the first solve.
+#: Beginnings of the names of command-line options that are for the solver.
+FOR_SOLVERS = ("snes_", "newton_", "ksp_", "pc_", "mat_", "mg_", "sub_", "fieldsplit_")
 
-    Those that are set already, by the command line, keep their values.
+
+class PetscOptions:
+    """The PETSc options of one solver, under a prefix of its own, while the object lives.
+
+    They are what this solver needs, then those of the case, then those of the command line;
+    the later ones win. Two solvers that live at the same time do not see each other's.
+
+    Attributes:
+        prefix: Beginning of their names in PETSc's database.
     """
 
-    def __init__(self, controls: SolverOptions) -> None:
-        """Set the options of a solver."""
+    _numbers = count(1)
+
+    def __init__(self, case: Mapping[str, Any] | None = None) -> None:
+        """Set the options of a solver.
+
+        Args:
+            case: PETSc options by name, without a prefix.
+        """
+        self.prefix = f"wovenfab_{next(self._numbers)}_"
+        database = PETSc.Options()
+        names = [name for name in database.getAll() if name.startswith(FOR_SOLVERS)]
         # The line search is ours, in the pre-check; PETSc's own stay reachable.
         # MUMPS counts negative pivots only where it leaves the last block to itself (13).
         ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
-        settings = {**ours, **(controls.options or {})}
-        options = PETSc.Options()
-        self._mine = [name for name in settings if name not in options]
-        for name in self._mine:
-            options[name] = settings[name]
+        settings = {**ours, **(case or {}), **{name: database[name] for name in names}}
+        self._names = [self.prefix + name for name in settings]
+        for name, value in zip(self._names, settings.values(), strict=True):
+            database[name] = value
 
     def clear(self) -> None:
-        """Take them back."""
-        for name in self._mine:
+        """Remove them from PETSc's database."""
+        for name in self._names:
             PETSc.Options().delValue(name)
 
 
@@ -71,16 +90,19 @@ class _Linear:
         self._factor.view(viewer)
 
 
-def create_snes(comm: MPI.Comm, controls: SolverOptions, factor: LinearSolver) -> Any:
+def create_snes(
+    comm: MPI.Comm, controls: SolverOptions, factor: LinearSolver, prefix: str = ""
+) -> Any:
     """Return Newton's method, its systems solved by a factor; collective.
 
     Options must be set before.
     """
     snes = PETSc.SNES().create(comm)
+    snes.setOptionsPrefix(prefix)
     snes.setType("newtonls")
     snes.setTolerances(max_it=controls.max_iterations)
     ksp = snes.getKSP()
-    ksp.setOptionsPrefix("newton_")  # options without a prefix are for the factor's solver
+    ksp.setOptionsPrefix(f"{prefix}newton_")  # those without newton_ are for the factor's solver
     snes.setFromOptions()
     ksp.setType("python")
     ksp.setPythonContext(_Linear(factor))
@@ -119,6 +141,7 @@ class NewtonSolver:
         controls: SolverOptions,
         factor: LinearSolver,
         barrier: CrossingLimit,
+        prefix: str = "",
     ) -> None:
         """Create vectors and SNES.
 
@@ -128,6 +151,7 @@ class NewtonSolver:
             controls: Tolerances and alternatives.
             factor: Solves the linear systems.
             barrier: Where the families would cross.
+            prefix: Beginning of the names of its PETSc options.
         """
         self.problem, self.controls, self.factor, self.barrier = problem, controls, factor, barrier
         self.solution = problem.residual.duplicate()
@@ -139,7 +163,7 @@ class NewtonSolver:
         self._convergence = Convergence(controls.tolerance, largest_cell(problem.model.sheet.mesh))
         self._search = LineSearch(problem, barrier)
         self._most = controls.max_iterations
-        self.snes = create_snes(problem.model.comm, controls, factor)
+        self.snes = create_snes(problem.model.comm, controls, factor, prefix)
         self.snes.setFunction(self.evaluate_residual, problem.residual)
         self.snes.setJacobian(self.evaluate_jacobian, matrix)
         self.snes.setObjective(self.evaluate_objective)
@@ -279,9 +303,9 @@ class NewtonSolver:
         if length == longest or not self.inertia.saddle:
             return length
         whole = self.problem.model.whole
-        whole.value = 0.0
-        self.form_tangent(x)
-        whole.value = 1.0
+        with preserved(whole):
+            whole.value = 0.0
+            self.form_tangent(x)
         if not self.inertia.replace(force, y):
             return length
         search.potential, search.failures = before

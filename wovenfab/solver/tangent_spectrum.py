@@ -125,7 +125,7 @@ class TangentSpectrum:
         self._matrix, self._assemble = matrix, assemble
         self._own = None
         if not factor.counts:
-            self._own = LinearSolver(create_direct(matrix.comm, options=False), matrix)
+            self._own = LinearSolver(create_direct(matrix.comm), matrix)
         self._factor = self._own or factor
         self._start = start
         self._soft, self._image = start.copy(), start.duplicate()

@@ -1,6 +1,6 @@
-"""What one scene costs, measured in this process without writing any results.
+"""Cost and influence of each effect: the scene with all, without each, and with each alone.
 
-What each effect costs and changes: the scene whole, without each, and with each alone.
+Everything is measured in this process; no results are written.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case import Case, CaseError
 from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
@@ -28,7 +28,7 @@ from wovenfab.solver.problem import TANGENT
 
 @dataclass(frozen=True)
 class Cost:
-    """What a scene costs and gives.
+    """Cost and results of a scene.
 
     Attributes:
         unknowns: Number of unknowns.
@@ -42,7 +42,7 @@ class Cost:
         step: Mean time of a step, s.
         whole: Time of all steps, s.
         iterations: Mean Newton iterations of a step.
-        peak_force: Largest force of the driven edge along its motion, N.
+        peak_force: Recorded force of largest size of the driven edge along its motion, N.
         dissipated: Energy dissipated at the end, J.
     """
 
@@ -62,54 +62,44 @@ class Cost:
 
 
 def measure(case: Case, sheet: Sheet) -> Cost:
-    """Run a case from an empty kernel cache and return what it cost; collective.
+    """Run a case from an empty kernel cache and return its cost; collective.
 
     Args:
         case: The case.
         sheet: Its meshed sheet, or that of a case with which it is compared.
     """
-    comm = sheet.mesh.comm
     with ExitStack() as stack:
-        with _empty_cache(comm):
+        with _empty_cache(sheet.mesh.comm):
             start = time.perf_counter()
             simulation = stack.enter_context(Simulation(case, sheet, "ignore"))
             compiled = time.perf_counter() - start
-        return _march(simulation, compiled)
-
-
-def _march(simulation: Simulation, compiled: float) -> Cost:
-    """Go through the program and return what it cost, with the time to compile (s)."""
-    PETSc.Log.begin()
-    tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
-    forces, iterations, lost = [], [], 0.0
-    start = time.perf_counter()
-    for step in simulation.steps():
-        forces.append(step.force)
-        iterations.append(step.iterations)
-        lost = sum(step.dissipated.values())
-    whole = time.perf_counter() - start
-    steps, model = max(len(forces) - 1, 1), simulation.model
-    tangents, assembly = tangent.since()
-    factorisations, factorisation = factor.since()
-    return Cost(
-        unknowns=model.unknowns,
-        placements=model.placements.count,
-        facet_integrals=model.facet_integrals,
-        compile=compiled,
-        assembly=assembly,
-        factorisation=factorisation,
-        tangents=tangents / steps,
-        factorisations=factorisations / steps,
-        step=whole / steps,
-        whole=whole,
-        iterations=sum(iterations) / steps,
-        peak_force=peak_force(forces),
-        dissipated=lost,
-    )
+        PETSc.Log.begin()
+        tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
+        start = time.perf_counter()
+        recorded = list(simulation.steps())
+        whole = time.perf_counter() - start
+        steps, model = max(len(recorded) - 1, 1), simulation.model
+        tangents, assembly = tangent.since()
+        factorisations, factorisation = factor.since()
+        return Cost(
+            unknowns=model.unknowns,
+            placements=model.placements.count,
+            facet_integrals=model.facet_integrals,
+            compile=compiled,
+            assembly=assembly,
+            factorisation=factorisation,
+            tangents=tangents / steps,
+            factorisations=factorisations / steps,
+            step=whole / steps,
+            whole=whole,
+            iterations=sum(step.iterations for step in recorded) / steps,
+            peak_force=peak_force([step.force for step in recorded]),
+            dissipated=sum(recorded[-1].dissipated.values()),
+        )
 
 
 class _Event:
-    """A PETSc event, counted from now on."""
+    """A PETSc event, counted from its creation on."""
 
     def __init__(self, name: str) -> None:
         self._event = PETSc.Log.Event(name)
@@ -151,7 +141,7 @@ class Row:
     Attributes:
         scene: ``"all effects"``, ``"without <effect>"`` or ``"<effect> alone"``, where a
             case that is not well posed alone has the fewest others that make it so.
-        cost: What it cost, or None where it is not a well-posed problem.
+        cost: Its cost, or None where it is not a well-posed problem.
         refused: Why not, else empty.
     """
 
@@ -160,19 +150,18 @@ class Row:
     refused: str = ""
 
 
-def reader(path: Path, overrides: Sequence[str]) -> Reader:
-    """Return how a case file is read with some of its effects; arguments as of `read_case`."""
-    names = tuple(read_case(path, overrides).effects)
+def reader(case: Case) -> Reader:
+    """Return how a case is read with some of its effects."""
+    names = tuple(case.effects)
 
-    def read(kept: Sequence[str]) -> Case:
-        left_out = [f"effects.{name}=null" for name in names if name not in kept]
-        return read_case(path, [*overrides, *left_out])
+    def read(present: Sequence[str]) -> Case:
+        return case.changed(*(f"effects.{name}=null" for name in names if name not in present))
 
     return read
 
 
 def study(
-    names: Sequence[str], read: Reader, comm: MPI.Comm, tell: Callable[[Row], None]
+    names: Sequence[str], read: Reader, comm: MPI.Comm, report: Callable[[Row], None]
 ) -> list[Row]:
     """Measure all scenes of a case one after the other; collective.
 
@@ -180,21 +169,21 @@ def study(
         names: The effects of the case.
         read: Returns the case with some of them.
         comm: The ranks that compute.
-        tell: Called with each row as it is known.
+        report: Called with each row.
     """
     sheet = sheet_of(read(names), comm)  # one mesh for all, so that only the effects differ
     rows: dict[frozenset[str], Row] = {}
-    for scene, kept in _scenes(names, read):
-        if frozenset(kept) in rows:
+    for scene, present in _scenes(names, read):
+        if frozenset(present) in rows:
             continue
         try:
-            case = read(kept)
+            case = read(present)
         except CaseError as error:
             row = Row(scene, None, error.problems[0].message)
         else:
             row = Row(scene, measure(case, sheet))
-        tell(row)
-        rows[frozenset(kept)] = row
+        report(row)
+        rows[frozenset(present)] = row
     return list(rows.values())
 
 
@@ -204,31 +193,26 @@ def _scenes(names: Sequence[str], read: Reader) -> Iterator[tuple[str, tuple[str
     for name in names:
         yield f"without {name}", tuple(n for n in names if n != name)
     for name in names:
-        helpers = _fewest(name, names, read)
-        yield (
-            f"{name} with {' and '.join(helpers)}" if helpers else f"{name} alone",
-            (
-                name,
-                *helpers,
-            ),
-        )
+        others = _fewest(name, names, read)
+        scene = f"{name} with {' and '.join(others)}" if others else f"{name} alone"
+        yield scene, (name, *others)
 
 
 def _fewest(name: str, names: Sequence[str], read: Reader) -> tuple[str, ...]:
     """Return the fewest other effects with which ``name`` makes a well-posed problem."""
     others = [n for n in names if n != name]
     for count in range(len(others)):
-        for helpers in combinations(others, count):
+        for chosen in combinations(others, count):
             try:
-                read((name, *helpers))
+                read((name, *chosen))
             except CaseError:
                 continue
-            return helpers
+            return chosen
     return ()
 
 
 def line(row: Row) -> str:
-    """Return the most telling figures of a row in words."""
+    """Return the main figures of a row in words."""
     if row.cost is None:
         return f"{row.scene}: not well posed: {row.refused}"
     c = row.cost

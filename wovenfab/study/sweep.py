@@ -1,70 +1,177 @@
-"""Runs side by side, each in a process of its own; what need not change is kept."""
+"""Sweeps: a case run with other values side by side, and the table of all runs."""
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
+import csv
+import re
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from io import StringIO
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from wovenfab.parallel import child_environment
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
 from wovenfab.record.history import HISTORY
-from wovenfab.record.results import FINGERPRINT
-from wovenfab.record.summary import SUMMARY
-from wovenfab.study.members import Member
-from wovenfab.study.runner import fingerprint
+from wovenfab.record.results import FINGERPRINT, write_whole
+from wovenfab.record.summary import SUMMARY, read_summary
+from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
+from wovenfab.study.variations import OVER, Variation
 
-State = Literal["waiting", "running", "kept", "finished", "failed"]
-#: Seconds between two looks at the running processes.
-_PAUSE = 0.2
-#: Seconds that a process has to end when it is asked to.
-_PATIENCE = 5.0
+
+@dataclass(frozen=True)
+class Member:
+    """One run of a sweep.
+
+    Attributes:
+        label: Its name for people.
+        case: Its case.
+        variation: What is varied, with this member's values.
+    """
+
+    label: str
+    case: Case
+    variation: Variation
+
+    @property
+    def name(self) -> str:
+        """The label as the name of a folder, unique in a sweep."""
+        words = self.label.replace(": ", "-").replace(" ", "")
+        return re.sub(r"[^\w.,=+-]+", "_", words).strip("_")
+
+    @property
+    def steps(self) -> int:
+        """Number of planned load steps."""
+        return sum(_steps(segment, self.case) for segment in self.case.program)
+
+    @property
+    def weight(self) -> float:
+        """Its work compared with that of other members, roughly."""
+        sheet, elements = self.case.sheet, self.case.discretisation
+        if isinstance(sheet, Rectangle) and elements.mesh_size:
+            cells = sheet.length * sheet.width / elements.mesh_size**2
+            return self.steps * cells * elements.degree**3
+        return self.steps * 1e3 * elements.degree**3
+
+
+def members_of(
+    paths: Sequence[Path],
+    variations: Sequence[Variation] = (Variation(),),
+    overrides: Sequence[str] = (),
+) -> list[Member]:
+    """Return a member for each case file with each of the variations.
+
+    Args:
+        paths: Case files.
+        variations: What is varied.
+        overrides: Values that replace those of all files.
+
+    Raises:
+        CaseError: A case is not valid with some of the values, or two members are alike.
+    """
+    cases = [read_case(path, overrides) for path in paths]
+    members = [_member(case, variation) for case in cases for variation in variations]
+    if len({member.case.path for member in members}) > 1:
+        members = [
+            replace(m, label=": ".join(filter(None, (m.case.name, m.label)))) for m in members
+        ]
+    members = [replace(m, label=m.label or m.case.name) for m in members]
+    for name, times in Counter(member.name for member in members).items():
+        if times > 1:
+            remedy = "Give each case and each value once."
+            raise refusal(OVER, f"{times} runs would be called '{name}'", remedy)
+    return members
+
+
+def _member(case: Case, variation: Variation) -> Member:
+    try:
+        varied = case.changed(*variation.overrides())
+    except CaseError as error:
+        raise CaseError(map(variation.at_source, error.problems)) from error
+    return Member(variation.label(), varied, variation)
+
+
+def _steps(segment: Segment, case: Case) -> int:
+    match segment:
+        case Cycles(amplitudes=amplitudes):
+            return len(amplitudes) * case.time.steps_per_cycle
+        case Table(samples=samples):
+            return len(samples.times) - (samples.times[0] == 0)
+    return segment.steps
+
+
+State = Literal["waiting", "running", "unchanged", "finished", "failed"]
 
 
 @dataclass
 class Run:
-    """A member and what became of it.
+    """A member and its state.
 
     Attributes:
         member: What is run.
         directory: Its results directory.
-        state: ``kept`` if the results were there already.
+        fingerprint: What its results depend on.
+        state: ``unchanged`` if the results were there already.
         problem: Why it failed, or nothing.
-        seconds: How long it took in this sweep.
+        seconds: Its wall time in this sweep.
     """
 
     member: Member
     directory: Path
+    fingerprint: str
     state: State = "waiting"
     problem: str = ""
     seconds: float = 0.0
 
     @property
     def log(self) -> Path:
-        """What the run says."""
+        """The file with its output."""
         return self.directory.with_name(f"{self.directory.name}.log")
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more is to be done."""
+        return self.state not in ("waiting", "running")
 
     @property
     def has_results(self) -> bool:
         """Whether there are results that belong to the member."""
-        return self.state in ("kept", "finished")
+        return self.state in ("unchanged", "finished")
 
     @property
     def done(self) -> float:
         """Share of its steps that are done."""
         if self.state != "running":
-            return float(self.state != "waiting")
+            return float(self.ended)
         try:
             rows = (self.directory / HISTORY).read_bytes().count(b"\n") - 2
         except OSError:
             return 0.0
         return min(max(rows, 0) / max(self.member.steps, 1), 1.0)
+
+    @property
+    def command(self) -> Command:
+        """The command that makes the results."""
+        case = self.member.case
+        arguments = ["-m", "wovenfab", "run", str(case.path), "-o", str(self.directory)]
+        overrides = [word for text in case.overrides for word in ("--set", text)]
+        return Command([*arguments, "--overwrite", *overrides], log=self.log)
+
+    def is_unchanged(self) -> bool:
+        """Return whether its results are there already."""
+        try:
+            text = (self.directory / FINGERPRINT).read_text(encoding="utf-8").strip()
+        except OSError:
+            return False
+        return text == self.fingerprint and (self.directory / SUMMARY).is_file()
+
+    def finish(self, ended: Ended) -> None:
+        """Note how it ended."""
+        self.state, self.problem = ("failed" if ended.code else "finished"), ended.failure
+        self.seconds = ended.seconds
+        if not ended.code:
+            (self.directory / FINGERPRINT).write_text(f"{self.fingerprint}\n", encoding="utf-8")
 
 
 @dataclass
@@ -81,14 +188,14 @@ class Sweep:
 
     @property
     def share(self) -> float:
-        """Share of the work that is done, without what was kept."""
-        new = [run for run in self.runs if run.state != "kept"]
-        whole = sum(run.member.weight for run in new)
-        return sum(run.member.weight * run.done for run in new) / whole if whole else 1.0
+        """Share of the work that is done, without results that were there already."""
+        new = [run for run in self.runs if run.state != "unchanged"]
+        total = sum(run.member.weight for run in new)
+        return sum(run.member.weight * run.done for run in new) / total if total else 1.0
 
     @property
     def left(self) -> float | None:
-        """Seconds that are left, or None as long as that cannot be told."""
+        """Seconds that are left, or None as long as there is no estimate."""
         share = self.share
         return (time.monotonic() - self.started) * (1 - share) / share if share > 0.01 else None
 
@@ -97,108 +204,110 @@ def sweep(
     members: Sequence[Member],
     directory: Path,
     jobs: int,
-    tell: Callable[[Sweep, Run | None], None],
+    report: Callable[[Sweep, Run | None], None],
 ) -> list[Run]:
     """Run all members whose results are not there yet, ``jobs`` at a time.
 
     Each runs on one processor: side by side they need less time than one after the other on
-    several. Whatever ends this function ends the processes, too; what has finished by then
-    is kept by the next sweep.
+    several. After an interruption the next sweep uses what has finished.
 
     Args:
         members: What to run.
         directory: Where each gets a results directory and a log of its name.
         jobs: Number of processes.
-        tell: Called with each run that ended, and with None while all go on.
+        report: Called with each run that ended, and with None while all go on.
 
     Raises:
         KeyboardInterrupt: This process was told to end.
     """
     directory.mkdir(parents=True, exist_ok=True)
-    runs = [Run(member, directory / member.name) for member in members]
-    now = Sweep(runs)
-    marks = {member.name: fingerprint(member.case) for member in members}
+    runs = [Run(m, directory / m.name, fingerprint(m.case)) for m in members]
+    state = Sweep(runs)
     for run in runs:
-        if _mark_of(run) == marks[run.member.name] and (run.directory / SUMMARY).is_file():
-            run.state = "kept"
-            tell(now, run)
+        if run.is_unchanged():
+            run.state = "unchanged"
+            report(state, run)
     # the longest first, so that no processor is idle in the end
-    waiting = sorted((r for r in runs if r.state == "waiting"), key=lambda r: -r.member.weight)
-    with _signals() as received, _processes() as running:
-        while waiting or running:
-            if received:
-                raise KeyboardInterrupt
-            while waiting and len(running) < jobs:
-                run = waiting.pop(0)
-                running.append((run, _start(run)))
-            time.sleep(_PAUSE)
-            tell(now, None)
-            for run, process in [(r, p) for r, p in running if p.poll() is not None]:
-                running.remove((run, process))
-                _finish(run, process.returncode, marks[run.member.name])
-                tell(now, run)
+    waiting = sorted((r for r in runs if not r.ended), key=lambda r: -r.member.weight)
+
+    def start(index: int) -> None:
+        waiting[index].state = "running"
+
+    def end(index: int, ended: Ended) -> None:
+        waiting[index].finish(ended)
+        report(state, waiting[index])
+
+    commands = [run.command for run in waiting]
+    execute_all(commands, jobs, start, end, lambda: report(state, None))
     return runs
 
 
-def _mark_of(run: Run) -> str:
-    try:
-        return (run.directory / FINGERPRINT).read_text(encoding="utf-8").strip()
-    except OSError:
-        return ""
+TABLE = "sweep.csv"
+#: Column and where it is in the summary of a run.
+_FIGURES: Mapping[str, Callable[[Mapping[str, Any]], Any]] = {
+    "unknowns": lambda s: s["unknowns"],
+    "steps": lambda s: s["steps"],
+    "peak_force_N": lambda s: s["peak_force_N"],
+    "peak_force_at_m": lambda s: s["peak_force_at_m"],
+    "dissipated_J": lambda s: s["dissipated_J"],
+    "work_J": lambda s: s["work_J"],
+    "worst_imbalance_J": lambda s: s["worst_imbalance_J"],
+    "newton_iterations": lambda s: s["newton_iterations"]["total"],
+    "cut_backs": lambda s: s["cut_backs"],
+    "wall_time_s": lambda s: round(sum(s["wall_time_s"].values()), 1),
+}
+#: The columns that are printed, with their headings.
+_PRINTED = {
+    "outcome": "outcome",
+    "unknowns": "unknowns",
+    "peak_force_N": "peak force (N)",
+    "dissipated_J": "dissipated (J)",
+    "worst_imbalance_J": "imbalance (J)",
+    "wall_time_s": "time (s)",
+}
 
 
-def _start(run: Run) -> subprocess.Popen[bytes]:
-    member = run.member
-    command = [sys.executable, "-m", "wovenfab", "run", str(member.path)]
-    command += ["-o", str(run.directory), "--overwrite"]
-    command += [word for text in member.overrides for word in ("--set", text)]
-    run.state, run.seconds = "running", -time.monotonic()
-    with run.log.open("wb") as log:
-        return subprocess.Popen(
-            command,
-            env={"OMP_NUM_THREADS": "1"} | child_environment(),
-            stdin=subprocess.DEVNULL,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-            start_new_session=True,  # so that its compilers can be ended with it
-        )
+def table_of(runs: Sequence[Run]) -> list[dict[str, Any]]:
+    """Return a row for each run: name, what is varied, outcome and figures in SI units."""
+    keys = dict.fromkeys(key for run in runs for key in run.member.variation.values)
+    return [_row(run, list(keys)) for run in runs]
 
 
-def _finish(run: Run, code: int, mark: str) -> None:
-    run.seconds += time.monotonic()
-    if code == 0:
-        run.state = "finished"
-        (run.directory / FINGERPRINT).write_text(mark + "\n", encoding="utf-8")
-        return
-    run.state = "failed"
-    said = [line for line in run.log.read_text(errors="replace").splitlines() if line.strip()]
-    run.problem = f"killed by signal {-code}" if code < 0 else (said or [f"exit code {code}"])[-1]
+def write_table(runs: Sequence[Run], directory: Path) -> Path:
+    """Write the table as CSV into the directory of a sweep; return the file."""
+    rows = table_of(runs)
+    stream = StringIO()
+    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(directory / TABLE, stream.getvalue())
+    return directory / TABLE
 
 
-@contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Yield the signals to end that were received, which do not interrupt what is being done."""
-    received: list[int] = []
-    ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {n: signal.signal(n, lambda number, _: received.append(number)) for n in ends}
-    try:
-        yield received
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+def markdown(runs: Sequence[Run]) -> str:
+    """Return the main columns as a table in Markdown."""
+    lines = [
+        "| run | " + " | ".join(_PRINTED.values()) + " |",
+        "|---|---|" + "---:|" * (len(_PRINTED) - 1),
+    ]
+    lines += [
+        f"| {row['run']} | " + " | ".join(_short(row[key]) for key in _PRINTED) + " |"
+        for row in table_of(runs)
+    ]
+    return "\n".join(lines)
 
 
-@contextmanager
-def _processes() -> Iterator[list[tuple[Run, subprocess.Popen[bytes]]]]:
-    """Yield a list of processes; those still in it at the end are ended, with their children."""
-    running: list[tuple[Run, subprocess.Popen[bytes]]] = []
-    try:
-        yield running
-    finally:
-        for number in (signal.SIGTERM, signal.SIGKILL):
-            for _, process in running:
-                with suppress(ProcessLookupError):
-                    os.killpg(process.pid, number)
-            until = time.monotonic() + _PATIENCE
-            while time.monotonic() < until and any(p.poll() is None for _, p in running):
-                time.sleep(0.05)
+def _row(run: Run, keys: Sequence[str]) -> dict[str, Any]:
+    summary = read_summary(run.directory) if run.has_results else {}
+    values = run.member.variation.values
+    outcome = "finished" if run.ended else "not run"
+    return {
+        "run": run.member.name,
+        **{key: values.get(key, "") for key in keys},
+        "outcome": f"failed: {run.problem}" if run.state == "failed" else outcome,
+        **{name: figure(summary) if summary else "" for name, figure in _FIGURES.items()},
+    }
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -1,7 +1,4 @@
-"""What a sweep varies: values by their keys in the case.
-
-Sweep files: the cases and what is varied in them.
-"""
+"""What a sweep varies: values by their keys in a case, from the command line or a sweep file."""
 
 from __future__ import annotations
 
@@ -43,8 +40,8 @@ class Variation:
     Attributes:
         values: As they are written in a case, by dotted key.
         places: Where each was written.
-        name: What it is called, if it has a name.
-        axes: The keys whose values are told in a name.
+        name: Its name, if it has one.
+        axes: The keys whose values are part of the label.
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
@@ -53,7 +50,7 @@ class Variation:
     axes: tuple[str, ...] = ()
 
     def __or__(self, other: Variation) -> Variation:
-        """Return both together; the other one has the last word."""
+        """Return both together; values of the other one replace those of this one."""
         return Variation(
             {**self.values, **other.values},
             {**self.places, **other.places},
@@ -63,14 +60,14 @@ class Variation:
 
     def label(self) -> str:
         """Return name and values in a few words."""
-        told = (f"{_short(key, self.axes)}={_word(self.values[key])}" for key in self.axes)
-        return ", ".join(filter(None, [self.name, *told]))
+        values = (f"{_short(key, self.axes)}={_word(self.values[key])}" for key in self.axes)
+        return ", ".join(filter(None, [self.name, *values]))
 
     def overrides(self) -> tuple[str, ...]:
         """Return the values as :func:`wovenfab.case.read_case` takes them."""
         return tuple(f"{key}={json.dumps(value)}" for key, value in self.values.items())
 
-    def at_home(self, problem: Problem) -> Problem:
+    def at_source(self, problem: Problem) -> Problem:
         """Return a problem of an overridden value as one of the place where it was written."""
         for key, place in self.places.items():
             if problem.file == OVERRIDE and f"{problem.key}.".startswith(f"{key}."):
@@ -112,7 +109,7 @@ def read_over(text: str) -> list[Variation]:
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
-    """Return the last parts of a dotted key, as many as tell it from the others."""
+    """Return the last parts of a dotted key, as many as distinguish it from the others."""
     parts = key.split(".")
     for n in range(1, len(parts)):
         end = ".".join(parts[-n:])
@@ -180,7 +177,7 @@ def read_sweep_file(path: Path) -> SweepFile:
     """Return the contents of a sweep file.
 
     Raises:
-        CaseError: With everything that was found wrong.
+        CaseError: With all mistakes in the file.
     """
     document = read_document(path)
     try:

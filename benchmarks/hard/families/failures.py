@@ -1,10 +1,8 @@
-"""Failure itself: told by name, with everything before it intact."""
+"""Failure itself: reported with its cause, with everything before it intact."""
 
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -17,6 +15,7 @@ from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import read_summary
+from wovenfab.study.runner import Command, execute
 
 FAILED_STEP = 3
 STEPS = ("program.to=80 mm", "program.steps=8")
@@ -78,7 +77,7 @@ def failing(effect: tuple[str, str, str] | None, setting: Setting) -> Figures:
             (folder / f"{effect[0]}.py").write_text(effect[1], encoding="utf-8")
             own = f"effects.{effect[0]}={{file: {folder}/{effect[0]}.py, {effect[2]}}}"
             setting = setting.but(own)
-        code, said = _run(setting, folder / "failed")
+        code, message = _run(setting, folder / "failed")
         history, summary = read_history(folder / "failed"), read_summary(folder / "failed")
         fields = read_fields(folder / "failed")
         last = float(history["time_s"][-1])
@@ -86,31 +85,31 @@ def failing(effect: tuple[str, str, str] | None, setting: Setting) -> Figures:
         stored = [fields.field(n, i) for n in fields.units for i in range(len(fields.times))]
         whole = finite and all(np.isfinite(v).all() for v in stored)
     iterations = history["newton_iterations"][1:]
-    place = re.search(r"x = ([-\d.e+]+) mm, y = ([-\d.e+]+) mm", said)
+    place = re.search(r"x = ([-\d.e+]+) mm, y = ([-\d.e+]+) mm", message)
     series = {
         "displacement": history["displacement_m"].tolist(), "force": history["force_N"].tolist(),
         "place": [float(x) / 1e3 for x in place.groups()] if place else None,
-        "diagnosis": said, "last": last,
+        "diagnosis": message, "last": last,
     }  # fmt: skip
     return Figures(
         unknowns=summary["unknowns"], steps=len(iterations),
         mean=float(iterations.mean()) if len(iterations) else 0.0,
         worst=int(iterations.max(initial=0)), cutbacks=summary["cut_backs"],
-        margin=None, imbalance=None, end=said, series=series,
+        margin=None, imbalance=None, end=message, series=series,
     ).with_checks(
         exit_code=code, stored_fields=float(len(stored)), results_whole=float(whole),
-        place_named=float(place is not None and "shear angle" in said and "stretches" in said),
+        place_named=float(all((place, "shear angle" in message, "stretches" in message))),
     )  # fmt: skip
 
 
 def _run(setting: Setting, directory: Path) -> tuple[int, str]:
     """Return exit code and message of ``wovenfab run``."""
-    command = [sys.executable, "-m", "wovenfab", "run", str(setting.path), "-o", str(directory)]
+    arguments = ["-m", "wovenfab", "run", str(setting.path), "-o", str(directory)]
     for override in (*setting.overrides, "output.pictures=false"):
-        command += ["--set", override]
-    ended = subprocess.run(command, capture_output=True, text=True, check=False)
-    lines = [line for line in ended.stderr.splitlines() if line.startswith("wovenfab:")]
-    return ended.returncode, lines[-1] if lines else ended.stderr[-500:]
+        arguments += ["--set", override]
+    ended = execute(Command(arguments))
+    lines = [line for line in ended.errors.splitlines() if line.startswith("wovenfab:")]
+    return ended.code, lines[-1] if lines else ended.errors[-500:]
 
 
 def _row(

@@ -1,1 +1,1 @@
-"""Work and precision: what accuracy costs, by runs that vary mesh, degree, steps and scheme."""
+"""Work and precision: the cost of accuracy, by runs that vary mesh, degree, steps and scheme."""

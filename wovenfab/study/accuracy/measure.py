@@ -1,7 +1,7 @@
 """One run of an accuracy study: ``python -m wovenfab.study.accuracy.measure`` in its own process.
 
-What it prints is one line of JSON. A process of its own makes peak memory and wall time
-those of this run alone.
+It prints one line of JSON. A process of its own makes peak memory and wall time those of this
+run alone.
 """
 
 from __future__ import annotations
@@ -9,11 +9,10 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from math import sqrt
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import ufl
@@ -25,24 +24,27 @@ from wovenfab.case import Case, read_case
 from wovenfab.model.compiler import cache_folder, compile_form
 from wovenfab.model.model import Model
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.peak_force import peak_force
+from wovenfab.simulation.peak_force import interpolated_peak_force
 from wovenfab.simulation.progress import peak_memory
 from wovenfab.simulation.simulation import Simulation
-from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.stepping.step import Step
+from wovenfab.study.accuracy.settings import Setting
+from wovenfab.study.runner import Command, Store, execute, fingerprint
 
-QUANTITIES = PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_N", "dissipated_J", "rms_beta_m"
+PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_interpolated_N", "dissipated_J", "rms_beta_m"
+#: Another process may be compiling kernels of its own meanwhile; then the run starts again.
+_MOST_STARTS = 4
 
 
 @dataclass(frozen=True)
 class Measured:
-    """What a run gave and what it cost.
+    """Results and cost of a run.
 
     Attributes:
-        values: Largest force of the driven edge along its motion (N; see :func:`peak_force`),
-            dissipated energy per cycle (J; of the whole program without cycles), and root mean
-            square of beta over the sheet when the displacement is largest (m); only those
-            that the scene has.
+        values: Largest force of the driven edge along its motion (N; see
+            :func:`interpolated_peak_force`), dissipated energy per cycle (J; of the whole
+            program without cycles), and root mean square of beta over the sheet when the
+            displacement is largest (m); only those that the scene has.
         unknowns: Number of unknowns.
         steps: Accepted steps.
         iterations: Newton iterations, all together.
@@ -79,7 +81,7 @@ class Measured:
 
 
 def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
-    """Run a case in this process, on one rank, and return what it gave and cost.
+    """Run a case in this process, on one rank, and return its results and cost.
 
     Args:
         case: The case.
@@ -93,48 +95,44 @@ def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
         setup = time.perf_counter() - start
         if stop_if_compiled and _kernels() != before:
             return Measured(compile=setup)
-        return _march(simulation, slip, setup)
+        recorded: list[Step] = []
+        farthest, rms, paused = -1.0, 0.0, 0.0
 
-
-def _march(simulation: Simulation, slip: RmsBeta, setup: float) -> Measured:
-    """Go through the program and return what it gave and cost, with the time before it (s)."""
-    farthest, values = -1.0, {}
-    steps: list[Step] = []
-    forces: list[float] = []
-    failure, paused = "", 0.0
-    start = time.perf_counter()
-    try:
-        for step in simulation.steps():
-            steps.append(step)
-            forces.append(step.force)
+        def observe(step: Step) -> None:
+            nonlocal farthest, rms, paused
+            recorded.append(step)
             if slip.is_defined and abs(step.displacement) > farthest:
                 moment = time.perf_counter()
-                farthest, values[RMS_BETA] = abs(step.displacement), slip()
+                farthest, rms = abs(step.displacement), slip()
                 paused += time.perf_counter() - moment
-    except (StepFailedError, StabilityLostError) as error:
-        failure = str(error)
-    stepping = time.perf_counter() - start - paused
+
+        start = time.perf_counter()
+        outcome = simulation.run(observe)
+        return Measured(
+            values=_values(recorded, simulation) | ({RMS_BETA: rms} if farthest >= 0 else {}),
+            unknowns=simulation.model.unknowns,
+            steps=outcome.steps,
+            iterations=outcome.iterations,
+            tangents=outcome.tangents,
+            cutbacks=outcome.cutbacks,
+            setup=setup,
+            stepping=time.perf_counter() - start - paused,
+            memory=peak_memory(),
+            failure="" if outcome.failure is None else str(outcome.failure),
+        )
+
+
+def _values(steps: Sequence[Step], simulation: Simulation) -> dict[str, float]:
+    """Return peak force and dissipated energy per cycle, where there are any."""
+    values = {}
     if len(steps) > 1:
-        times = np.array([s.time for s in steps])
+        times, forces = (np.array([getattr(s, name) for s in steps]) for name in ("time", "force"))
         kinks = [s.milestone is not None and s.milestone.jump for s in steps]
-        values[PEAK_FORCE] = peak_force(times, np.array(forces), kinks)
+        values[PEAK_FORCE] = interpolated_peak_force(times, forces, kinks)
     if steps and steps[-1].dissipated:
         cycles = max(len(simulation.program.cycles), 1)
         values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
-    return Measured(
-        values={
-            name: values[name] for name in (PEAK_FORCE, DISSIPATED, RMS_BETA) if name in values
-        },
-        unknowns=simulation.model.unknowns,
-        steps=len(steps) - 1,
-        iterations=sum(s.iterations for s in steps),
-        tangents=sum(s.tangents for s in steps),
-        cutbacks=sum(s.cutbacks for s in steps),
-        setup=setup,
-        stepping=stepping,
-        memory=peak_memory(),
-        failure=failure,
-    )
+    return values
 
 
 class RmsBeta:
@@ -165,17 +163,61 @@ def _kernels() -> set[str]:
     return {path.name for path in cache_folder().glob("*.so")}
 
 
-def read_measured(text: str) -> Measured:
-    """Return what a run's JSON says."""
-    content: dict[str, Any] = json.loads(text)
-    return Measured(**content)
+class StoredRuns:
+    """Runs settings of a case in processes, unless the store has their results.
 
+    Attributes:
+        asked: Number of settings so far.
+        stored: Number of these whose results were there already.
+    """
 
-def dump_measured(measured: Measured) -> str:
-    """Return a run's figures as one line of JSON."""
-    return json.dumps(asdict(measured))
+    def __init__(
+        self,
+        case: Case,
+        folder: Path,
+        progress: Callable[[float], None] = lambda seconds: None,
+    ) -> None:
+        """Run nothing yet.
+
+        Args:
+            case: The case, read from a file.
+            folder: Where results are stored, a file each.
+            progress: Called several times a second during a run with its wall time, s.
+        """
+        self._case, self._store, self._progress = case, Store(folder), progress
+        self.asked = self.stored = 0
+
+    def __call__(self, setting: Setting) -> Measured:
+        """Return results and cost of a setting.
+
+        Raises:
+            KeyboardInterrupt: This process was interrupted; the run was ended, too.
+        """
+        self.asked += 1
+        case = self._case.changed(*setting.overrides)
+        key = fingerprint(case, Path(__file__))
+        if (result := self._store.load(key)) is not None:
+            self.stored += 1
+            return Measured(**result)
+        measured = self._run(case)
+        self._store.save(key, key, asdict(measured))
+        return measured
+
+    def _run(self, case: Case) -> Measured:
+        module = "wovenfab.study.accuracy.measure"
+        command = Command(["-m", module, str(case.path), *case.overrides])
+        compiled = 0.0
+        for _ in range(_MOST_STARTS):
+            ended = execute(command, self._progress)
+            if ended.failure:
+                return Measured(failure=ended.failure, compile=compiled)
+            measured = Measured(**ended.result)
+            if not measured.compile:
+                return replace(measured, compile=compiled)
+            compiled += measured.compile
+        return Measured(failure="kernels were compiled again and again", compile=compiled)
 
 
 if __name__ == "__main__":
-    found = measure(read_case(Path(sys.argv[1]), sys.argv[2:]), stop_if_compiled=True)
-    print(dump_measured(found))
+    result = measure(read_case(Path(sys.argv[1]), sys.argv[2:]), stop_if_compiled=True)
+    print(json.dumps(asdict(result)))

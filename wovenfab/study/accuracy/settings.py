@@ -1,4 +1,4 @@
-"""What an accuracy study varies: methods in space and in time, each a ladder of settings."""
+"""What an accuracy study varies: methods in space and in time, each with ever finer settings."""
 
 from __future__ import annotations
 
@@ -6,19 +6,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from math import log2
-from pathlib import Path
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table, read_case
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table
 from wovenfab.stepping.schemes import SCHEMES
 
-#: Cells across a rectangle's shorter side with which the ladder of mesh sizes starts, roughly.
+#: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
 _FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
 #: Planned steps of a study's first run in time, as a share of the case's.
 COARSEST = 1 / 4
-#: Error of a step with which adaptive ones begin.
-_ROUGHEST = 0.02
+#: Error of a step in the first run with adaptive steps.
+_FIRST_TOLERANCE = 0.02
 #: Smallest cells over cells elsewhere where corners alone are graded, at two cells across: then it
-#: falls with the mesh size, since corners are singular and elements of higher order feel it.
+#: falls with the mesh size, since corners are singular, which shows with elements of higher order.
 _GRADING = 1 / 4
 
 
@@ -51,7 +50,7 @@ class Setting:
         stage: ``space``, ``time`` or ``both``.
         method: The method's name.
         order: That of the method.
-        what: The mesh size or steps that tell it from other runs of the method.
+        what: The mesh size or steps that distinguish it from other runs of the method.
         mesh: Values of the case that make the mesh and the elements.
         steps: Values of the case that make the steps.
         size: What goes to zero where steps adapt, which refines some of them more than others.
@@ -80,8 +79,6 @@ class Setting:
 class Steps:
     """Planned steps of a case, all segments multiplied by the same factor."""
 
-    path: Path
-    overrides: tuple[str, ...]
     case: Case
 
     @property
@@ -95,16 +92,16 @@ class Steps:
 
     def with_factor(self, factor: float) -> tuple[str, ...]:
         """Return the values of the case that multiply its steps."""
-        found = []
+        values = []
         for number, (segment, planned) in enumerate(
             zip(self.case.program, self._counts(factor), strict=True)
         ):
             if isinstance(segment, Cycles):
                 per_cycle = planned // len(segment.amplitudes)
-                found.append(f"time.steps_per_cycle={per_cycle}")
+                values.append(f"time.steps_per_cycle={per_cycle}")
             elif not isinstance(segment, Table):
-                found.append(f"{self._place(number)}.steps={planned}")
-        return tuple(dict.fromkeys(found))
+                values.append(f"{self._place(number)}.steps={planned}")
+        return tuple(dict.fromkeys(values))
 
     def _counts(self, factor: float) -> list[int]:
         counts = []
@@ -121,7 +118,7 @@ class Steps:
     def _place(self, number: int) -> str:
         """Return the key of a segment: a program of one may be written without a list."""
         try:
-            read_case(self.path, (*self.overrides, "program.steps=1"))
+            self.case.changed("program.steps=1")
         except CaseError:
             return f"program.{number}"
         return "program"
@@ -177,10 +174,9 @@ def _first(case: Case, mesh: str) -> float:
     return min(own * 2.0 ** round(log2(side / _FIRST_CELLS[mesh] / own)), side)
 
 
-def space_ladder(method: Method, coarse_steps: Sequence[str]) -> Iterator[Setting]:
+def space_refinement(method: Method, coarse_steps: Sequence[str]) -> Iterator[Setting]:
     """Yield the settings of a method in space, each with half the mesh size of the last."""
-    level = 0
-    while True:
+    for level in count():
         size = method.first_size / 2**level
         overrides = [*method.overrides, f"discretisation.mesh_size={size:.6g} m"]
         what = f"{1e3 * size:.4g} mm"
@@ -191,7 +187,6 @@ def space_ladder(method: Method, coarse_steps: Sequence[str]) -> Iterator[Settin
         yield Setting(
             "space", method.name, method.order, what, tuple(overrides), tuple(coarse_steps)
         )
-        level += 1
 
 
 def time_methods(case: Case) -> list[Method]:
@@ -199,32 +194,35 @@ def time_methods(case: Case) -> list[Method]:
     equal = [Method(s.name, (f"time.scheme={s.name}",), s.order) for s in SCHEMES.values()]
     if not case.needs.rate:
         return equal
-    paced = SCHEMES["bdf2"]
-    overrides = (f"time.scheme={paced.name}",)
-    return [*equal, Method(f"{paced.name}, adaptive", overrides, paced.order, tolerance=_ROUGHEST)]
+    adaptive = SCHEMES["bdf2"]
+    overrides = (f"time.scheme={adaptive.name}",)
+    return [
+        *equal,
+        Method(f"{adaptive.name}, adaptive", overrides, adaptive.order, tolerance=_FIRST_TOLERANCE),
+    ]
 
 
-def time_ladder(method: Method, mesh: Sequence[str], steps: Steps) -> Iterator[Setting]:
+def time_refinement(method: Method, mesh: Sequence[str], steps: Steps) -> Iterator[Setting]:
     """Yield the settings of a method on a mesh, each with about twice the steps of the last."""
-    made = _adaptive if method.tolerance else _equal
+    steps_of = _adaptive if method.tolerance else _equal
     for level in count():
-        what, size, values = made(method, steps, level)
+        what, size, values = steps_of(method, steps, level)
         overrides = (*method.overrides, *values)
         yield Setting("time", method.name, method.order, what, tuple(mesh), overrides, size)
 
 
 #: Steps in words, what their length is proportional to where their number does not tell, and
 #: their values of the case.
-_Made = tuple[str, float | None, tuple[str, ...]]
+_Steps = tuple[str, float | None, tuple[str, ...]]
 
 
-def _equal(_: Method, steps: Steps, level: int) -> _Made:
+def _equal(_: Method, steps: Steps, level: int) -> _Steps:
     factor = COARSEST * 2**level
     values = ("time.tolerance=null", *steps.with_factor(factor))
     return f"{steps.planned(factor)} steps", None, values
 
 
-def _adaptive(method: Method, steps: Steps, level: int) -> _Made:
+def _adaptive(method: Method, steps: Steps, level: int) -> _Steps:
     tolerance = method.tolerance / 2 ** (method.order * level)
     values = (f"time.tolerance={tolerance:.6g}", *steps.with_factor(COARSEST))
     return f"tolerance {100 * tolerance:.2g} %", tolerance ** (1 / method.order), values

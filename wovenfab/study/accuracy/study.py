@@ -1,37 +1,35 @@
-"""What an accuracy study knows: its runs, the best answers, and how far each run is off.
-
-An accuracy study: what accuracy costs in time, memory and unknowns.
-
-One factor at a time: methods in space with coarse steps, then schemes in time on the
-coarsest adequate mesh, then settings of both together, chosen for each accuracy.
-"""
+"""An accuracy study: its runs and their errors, every run as CSV, and the answers in Markdown."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf
+from io import StringIO
+from math import inf, isfinite
 from pathlib import Path
+from typing import Any
 
-from wovenfab.case import read_case
-from wovenfab.study.accuracy.climb import Climb, Rung, Runner, Teller
-from wovenfab.study.accuracy.ladder import Best, Ladder, best_of, worst
-from wovenfab.study.accuracy.measure import Measured
-from wovenfab.study.accuracy.pairs import Pairing
-from wovenfab.study.accuracy.settings import (
-    COARSEST,
-    Setting,
-    Steps,
-    space_ladder,
-    space_methods,
-    time_ladder,
-    time_methods,
-)
+from wovenfab.record.results import write_whole
+from wovenfab.study.accuracy.errors import Best, Refinement, orders_towards
+from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, RMS_BETA, Measured
+from wovenfab.study.accuracy.settings import Setting
+
+#: Accuracies for which the cheapest setting is sought.
+TARGETS = (0.05, 0.01, 0.003, 0.001)
+TABLE = "accuracy.csv"
+#: Name, unit and factor from SI of each quantity, as people read them.
+QUANTITIES = {
+    PEAK_FORCE: ("peak force", "N", 1.0),
+    DISSIPATED: ("energy dissipated per cycle", "J", 1.0),
+    RMS_BETA: ("rms beta", "mm", 1e3),
+}
+_STAGES = {"space": "Space", "time": "Time", "both": "Both together"}
 
 
 @dataclass(frozen=True)
 class Run:
-    """A setting, what it gave and what goes to zero along its ladder."""
+    """A setting, its results, and the size that goes to zero with ever finer settings."""
 
     setting: Setting
     measured: Measured
@@ -46,8 +44,8 @@ class Study:
         space, time, both: Runs of each stage that did not fail.
         failed: The others.
         best: Best answers by stage and quantity; those of ``both`` are the study's answers.
-        chosen: For each accuracy the cheapest setting's run that keeps it, or None.
-        spent: Time that the runs took, without compilation, s.
+        chosen: For each accuracy the run of the cheapest setting that reaches it, or None.
+        spent: Time of all runs, without compilation, s.
     """
 
     space: list[Run] = field(default_factory=list)
@@ -65,19 +63,19 @@ class Study:
 
     def errors(self, run: Run) -> dict[str, float]:
         """Return the relative error of each quantity, towards the best of the run's stage."""
-        found = {}
-        for name, best in self.best.get(run.setting.stage, {}).items():
-            scale = abs(best.value)
-            found[name] = abs(run.measured.values[name] - best.value) / scale if scale else inf
-        return found
+        values = run.measured.values
+        return {
+            name: abs(values[name] - best.value) / abs(best.value) if best.value else inf
+            for name, best in self.best.get(run.setting.stage, {}).items()
+        }
 
     def bounds(self, run: Run) -> dict[str, float]:
-        """Return each error with that of the best answer on top."""
+        """Return each error plus that of the best answer."""
         best = self.best[run.setting.stage]
         return {name: error + best[name].relative for name, error in self.errors(run).items()}
 
     def within(self, target: float) -> list[Run]:
-        """Return the runs of the last stage whose quantities all keep a relative error."""
+        """Return the runs of the last stage whose quantities all have at most this error."""
         runs = self.both if self.final == "both" else self.space
         return [r for r in runs if max(self.bounds(r).values(), default=inf) <= target]
 
@@ -86,117 +84,152 @@ class Study:
         """The stage whose best answers are those of the study."""
         return "both" if "both" in self.best else "space"
 
+    def orders(self, run: Run) -> dict[str, str]:
+        """Return the observed order of each quantity from the method's run before.
 
-def ladders_of(runs: Sequence[Run], name: str) -> list[Ladder]:
-    """Return the ladder of each method for a quantity."""
-    methods = dict.fromkeys(r.setting.method for r in runs)
-    found = []
-    for method in methods:
-        mine = [r for r in runs if r.setting.method == method]
-        sizes = tuple(r.size for r in mine)
-        values = tuple(r.measured.values[name] for r in mine)
-        first = mine[0].setting
-        found.append(Ladder(method, sizes, values, first.order, first.size is None))
-    return found
+        In 1/sqrt(unknowns), 1/steps or sqrt(tolerance), towards the best answer; none where that
+        is no better known than the run, and of combinations.
+        """
+        stage = run.setting.stage
+        runs = {"space": self.space, "time": self.time}.get(stage, [])
+        same = [r for r in runs if r.setting.method == run.setting.method]
+        orders: dict[str, str] = {}
+        if run not in same[1:]:
+            return orders
+        place = same.index(run)
+        for name, best in self.best[stage].items():
+            if self.errors(run)[name] > 2 * best.relative:
+                order = orders_towards(best.value, refinements(same, name)[0])[place - 1]
+                orders[name] = "" if order is None else f"{order:.1f}"
+        return orders
+
+    def errors_in_words(self, run: Run) -> dict[str, str]:
+        """Return each error; an upper bound where the best answer is no better known."""
+        best, bounds = self.best[run.setting.stage], self.bounds(run)
+        return {
+            name: percent(error) if error > best[name].relative else f"≤ {percent(bounds[name])}"
+            for name, error in self.errors(run).items()
+        }
 
 
-#: Accuracies for which the cheapest setting is sought.
-TARGETS = (0.05, 0.01, 0.003, 0.001)
-#: A ladder ends when its own error is this share of the least target.
-_ENOUGH = 0.02
-#: Error of a mesh that is good enough for the study in time.
-_ADEQUATE = 0.01
-#: Its run with coarse steps takes no more than this share of the time.
-_AFFORDABLE = 0.03
-#: Where rates count, share of the time for space, and of what then is left for steps; pairs of
-#: both have the rest.
-_IN_SPACE, _IN_TIME = 0.4, 0.4
-#: Share of the time that is left for more of both, where pairs do not prove every accuracy.
-_AGAIN = 0.6
+def refinements(runs: Sequence[Run], name: str) -> list[Refinement]:
+    """Return the values of a quantity by each method, from coarse to fine."""
+    result = []
+    for method in dict.fromkeys(r.setting.method for r in runs):
+        same = [r for r in runs if r.setting.method == method]
+        sizes = tuple(r.size for r in same)
+        values = tuple(r.measured.values[name] for r in same)
+        first = same[0].setting
+        result.append(Refinement(method, sizes, values, first.order, first.size is None))
+    return result
 
 
-def study(
-    path: Path,
-    overrides: Sequence[str],
-    runner: Runner,
-    budget: float,
-    tell: Teller,
-) -> Study:
-    """Make the study of a case.
+def write_csv(study: Study, directory: Path) -> Path:
+    """Write one row a run in SI units, failed ones too; return the file."""
+    names = list(study.best.get("space", {}))
+    rows = [_row(study, run) for run in (*study.runs, *study.failed)]
+    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "tangents"]
+    header += ["cutbacks", "wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
+    header += [f"{kind}_{_without_unit(name)}" for kind in ("error", "order") for name in names]
+    stream = StringIO()
+    writer = csv.DictWriter(stream, [*header, "failure"], lineterminator="\n", restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(directory / TABLE, stream.getvalue())
+    return directory / TABLE
 
-    Args:
-        path: The case file.
-        overrides: Values that replace those of the file.
-        runner: Runs a setting.
-        budget: Time for all runs together, s; those that were kept count, too, so that a
-            study that was interrupted ends as if it had not been.
-        tell: Told before and after each run.
-    """
-    case = read_case(path, overrides)
-    steps = Steps(path, tuple(overrides), case)
-    now = Study()
-    climb = Climb(path, tuple(overrides), runner, now, tell, _ENOUGH * TARGETS[-1])
-    in_time = case.needs.history and steps.can_vary
-    coarse = steps.with_factor(COARSEST)
-    methods = space_methods(case)
-    space = climb.start([space_ladder(m, coarse) for m in methods])
-    climb(space, now.space, budget * (_IN_SPACE if in_time else 1.0))
-    _judge(now, "space", now.space)
-    mesh = _adequate(now, budget) if in_time and now.space else None
-    if mesh is not None:
-        schemes = climb.start(
-            [time_ladder(m, mesh.setting.mesh, steps) for m in time_methods(case)]
+
+def _row(study: Study, run: Run) -> dict[str, Any]:
+    m, setting = run.measured, run.setting
+    row: dict[str, Any] = {
+        "stage": setting.stage,
+        "method": setting.method,
+        "setting": setting.what,
+        "unknowns": m.unknowns,
+        "steps": m.steps,
+        "newton_iterations": m.iterations,
+        "tangents": m.tangents,
+        "cutbacks": m.cutbacks,
+        "wall_s": round(m.wall, 3),
+        "setup_s": round(m.setup, 3),
+        "stepping_s": round(m.stepping, 3),
+        "compile_s": round(m.compile, 2),
+        "peak_memory_B": m.memory,
+        "failure": m.failure,
+    }
+    if not m.failure:
+        row |= m.values
+        row |= {f"error_{_without_unit(n)}": f"{e:.3e}" for n, e in study.errors(run).items()}
+        row |= {f"order_{_without_unit(n)}": o for n, o in study.orders(run).items()}
+    return row
+
+
+def _without_unit(name: str) -> str:
+    return name[: name.rindex("_")]
+
+
+def answers(study: Study) -> str:
+    """Return the best answers and the cheapest settings in Markdown."""
+    lines = ["| quantity | best answer | its error, estimated | by | checked by |"]
+    lines += ["|---|---:|---:|---|---|"]
+    for name, best in study.best.get(study.final, {}).items():
+        title, unit, factor = QUANTITIES[name]
+        lines.append(
+            f"| {title} | {_digits(best, factor)} {unit} | {percent(best.relative)} | "
+            f"{best.method} | {best.check or 'nothing'} |"
         )
-        climb(schemes, now.time, now.spent + _IN_TIME * (budget - now.spent))
-        _judge(now, "time", now.time)
-    if mesh is not None and now.time:
-        pairing = Pairing(now, climb, mesh)
-        pairing(TARGETS, budget)
-        while not all(map(now.within, TARGETS)) and _climb_on(now, climb, (space, schemes), budget):
-            pairing(TARGETS, budget)
-    for target in TARGETS:
-        good = now.within(target)
-        now.chosen[target] = min(good, key=_wall) if good else None
-    return now
+    lines += ["", "| within | cheapest setting | error | unknowns | steps | wall | peak memory |"]
+    lines += ["|---:|---|---:|---:|---:|---:|---:|"]
+    for target, run in study.chosen.items():
+        if run is None:
+            lines.append(f"| {percent(target)} | not proven in this time | | | | | |")
+            continue
+        m = run.measured
+        errors = ", ".join(study.errors_in_words(run).values())
+        lines.append(
+            f"| {percent(target)} | {run.setting.label} | {errors} | {m.unknowns} | {m.steps} | "
+            f"{m.wall:.1f} s | {m.memory / 1e6:.0f} MB |"
+        )
+    return "\n".join(lines)
 
 
-def _climb_on(
-    now: Study, climb: Climb, ladders: tuple[Sequence[Rung], Sequence[Rung]], budget: float
-) -> bool:
-    """Go on with meshes or steps, where less is known if possible; return whether it was."""
-    stages = zip(("space", "time"), (now.space, now.time), ladders, strict=True)
-
-    def known(stage: str) -> float:
-        return worst({name: best.relative for name, best in now.best[stage].items()})
-
-    for stage, runs, climbing in sorted(stages, key=lambda s: known(s[0]), reverse=True):
-        before = len(runs)
-        climb(climbing, runs, now.spent + _AGAIN * (budget - now.spent))
-        if len(runs) > before:
-            _judge(now, stage, runs)
-            return True
-    return False
+def _digits(best: Best, factor: float) -> str:
+    """Return the value with one digit more than its error allows."""
+    digits = 7 if not best.relative else 1
+    while digits < 8 and best.relative < 10.0 ** (-digits):
+        digits += 1
+    return f"{best.value * factor:.{min(digits + 1, 8)}g}"
 
 
-def _judge(now: Study, stage: str, runs: Sequence[Run]) -> None:
-    """Find the best answer of a stage to each quantity."""
-    if runs:
-        names = runs[0].measured.values
-        now.best[stage] = {name: best_of(ladders_of(runs, name)) for name in names}
+def tables(study: Study) -> str:
+    """Return all runs by stage as tables in Markdown, with errors and observed orders."""
+    return "\n\n".join(
+        f"**{title}**\n\n{_table(study, runs)}"
+        for stage, title in _STAGES.items()
+        if (runs := getattr(study, stage))
+    )
 
 
-def _adequate(now: Study, budget: float) -> Run:
-    """Return the run whose mesh the study in time uses.
+def _table(study: Study, runs: Sequence[Run]) -> str:
+    names = list(study.best["space"])
+    titles = [f"{QUANTITIES[name][0]}: error (order)" for name in names]
+    lines = ["| setting | unknowns | steps | iterations | wall (s) | memory (MB) | "]
+    lines[0] += " | ".join(titles) + " |"
+    lines.append("|---|" + "---:|" * (5 + len(names)))
+    for run in sorted(runs, key=lambda r: (r.setting.method, -r.size)):
+        m, orders = run.measured, study.orders(run)
+        steps = f"{m.steps}" + (f" ({m.cutbacks} cut back)" if m.cutbacks else "")
+        errors = [
+            error + (f" ({orders[name]})" if orders.get(name) else "")
+            for name, error in study.errors_in_words(run).items()
+        ]
+        lines.append(
+            f"| {run.setting.label} | {m.unknowns} | {steps} | {m.iterations} | "
+            f"{m.wall:.1f} | {m.memory / 1e6:.0f} | " + " | ".join(errors) + " |"
+        )
+    return "\n".join(lines)
 
-    The cheapest that is good enough; where the time for several times as many steps with
-    each scheme does not allow it, the best that it allows.
-    """
-    good = sorted((r for r in now.space if worst(now.bounds(r)) <= _ADEQUATE), key=_wall)
-    cheap = [r for r in now.space if r.measured.wall <= _AFFORDABLE * budget]
-    if good and (good[0] in cheap or not cheap):
-        return good[0]
-    return min(cheap or now.space, key=lambda r: worst(now.errors(r)) if cheap else _wall(r))
 
-
-def _wall(run: Run) -> float:
-    return run.measured.wall
+def percent(share: float) -> str:
+    """Return a share in percent, with two digits."""
+    return f"{100 * share:.2g} %" if isfinite(share) else "unknown"

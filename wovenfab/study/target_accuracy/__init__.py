@@ -1,1 +1,1 @@
-"""A wanted accuracy: the elements and steps that reach it, and the error that a run reached."""
+"""A target accuracy: elements and steps that reach it, and the estimated error of a run."""

@@ -11,13 +11,12 @@ from wovenfab.case import Case, Cycles
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import steps_in
-from wovenfab.study.target_accuracy.error_map import write_errors
-from wovenfab.study.target_accuracy.mesh import Plan
-from wovenfab.study.target_accuracy.plan import plan
+from wovenfab.simulation.response import planned_steps
+from wovenfab.study.target_accuracy.estimate import write_errors
+from wovenfab.study.target_accuracy.plan import Plan, plan
 
 logger = logging.getLogger(__name__)
-#: How the figures are called on the screen.
+#: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
 
@@ -33,13 +32,13 @@ def choose(
         progress: Gets what is being done.
     """
     assert case.accuracy is not None
-    meshed = {case.discretisation.mesh_size: sheet}
+    sheets = {case.discretisation.mesh_size: sheet}
 
     def mesher(trial: Case) -> Sheet:
         size = trial.discretisation.mesh_size
-        if size not in meshed:
-            meshed[size] = sheet_of(trial, sheet.mesh.comm)
-        return meshed[size]
+        if size not in sheets:
+            sheets[size] = sheet_of(trial, sheet.mesh.comm)
+        return sheets[size]
 
     chosen = plan(case, mesher, progress)
     d = chosen.case.discretisation
@@ -62,7 +61,7 @@ def report_errors(
     directory: Path | None,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Say and write which errors were reached; return the summary with them. Collective.
+    """Print and write the estimated errors; return the summary with them. Collective.
 
     Args:
         chosen: What :func:`choose` returned.
@@ -71,15 +70,15 @@ def report_errors(
         directory: Its results directory, or None.
         say: Gets messages.
     """
-    reached: dict[str, Any] = {"wanted": accuracy, "shortfall": chosen.shortfall}
+    entry: dict[str, Any] = {"wanted": accuracy, "shortfall": chosen.shortfall}
     if chosen.estimate is not None:
-        reached["figures"] = chosen.estimate.as_dict(summary)
+        entry["figures"] = chosen.estimate.as_dict(summary)
         if directory is not None:
             write_errors(chosen.estimate, directory)
-    more = {**summary, "accuracy": reached}
+    more = {**summary, "accuracy": entry}
     if directory is not None:
         write_summary(directory, more)
-    for name, error in reached.get("figures", {}).items():
+    for name, error in entry.get("figures", {}).items():
         words, unit = WORDS[name]
         say(
             f"{words}: estimated error {_percent(error['relative_error'])} "
@@ -102,7 +101,7 @@ def _steps(case: Case) -> str:
     """Return the steps in words."""
     if not case.needs.history:
         return ""
-    steps, tolerance = f"{steps_in(case)} steps", case.time.tolerance
+    steps, tolerance = f"{planned_steps(case)} steps", case.time.tolerance
     if all(isinstance(segment, Cycles) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
     if tolerance is None:

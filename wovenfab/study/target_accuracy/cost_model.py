@@ -1,4 +1,4 @@
-"""What finer cells would take and bring, from the trials made so far."""
+"""Memory, time and error of finer cells, extrapolated from the trials so far."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from wovenfab.simulation.progress import memory
 SLOW, USUAL, FAST = 2.0, 3.0, 4.0
 #: Growth of unknowns with the number of cells across, least and largest; of time with unknowns.
 LINE, AREA, GROWTH = 1.0, 2.0, 1.2
-#: Share of the wanted error that finer cells aim at, so that they do not just miss it.
-SURE = 0.8
-#: How many times more cells are tried at most, and where a trial came to no end.
-FURTHER, ONWARD = 2.0, 4 / 3
-#: Step in cells in looking for the finest that is possible.
-FINER = 1.05
+#: Share of the target that finer cells aim at, so that they do not just miss it.
+MARGIN = 0.8
+#: Largest growth of the number of cells, and that where a trial did not reach its end.
+MOST_GROWTH, RETRY_GROWTH = 2.0, 4 / 3
+#: Growth of the number of cells in the search for the finest that limits allow.
+SEARCH_GROWTH = 1.05
 
 
 @dataclass(frozen=True)
 class Limits:
-    """What finding out may take.
+    """Limits of the trials.
 
     Attributes:
         memory: Of the run, bytes.
@@ -36,14 +36,14 @@ class Limits:
 
 
 @dataclass(frozen=True)
-class Tried:
-    """The trials with one mesh.
+class Trial:
+    """Trials on one mesh.
 
     Attributes:
         cells: Across the shorter side of the sheet.
         unknowns: Of the elements by which meshes are compared.
-        seconds: That they took.
-        error: Of the best answer; None where there is none.
+        seconds: Their wall time.
+        error: Of the best elements; None where none reached the end.
     """
 
     cells: int
@@ -52,63 +52,63 @@ class Tried:
     error: float | None
 
 
-def next_cells(tried: Sequence[Tried], wanted: float) -> int:
-    """Return the number of cells to try next for a wanted error, after one trial or more."""
-    last = tried[-1]
+def next_cells(trials: Sequence[Trial], target: float) -> int:
+    """Return the number of cells to try next for a target error, after one trial or more."""
+    last = trials[-1]
     if last.error is None:
-        return max(last.cells + 1, int(ONWARD * last.cells))
-    needed = _needed(last, SURE * wanted, _order(tried, SLOW))
-    return max(last.cells + 1, min(ceil(needed), ceil(FURTHER * last.cells)))
+        return max(last.cells + 1, int(RETRY_GROWTH * last.cells))
+    needed = _needed(last, MARGIN * target, _order(trials, SLOW))
+    return max(last.cells + 1, min(ceil(needed), ceil(MOST_GROWTH * last.cells)))
 
 
-def beyond(unknowns: float, tried: Sequence[Tried], limits: Limits) -> str:
+def over_limits(unknowns: float, trials: Sequence[Trial], limits: Limits) -> str:
     """Return what elements would need in words, if that is more than the limits allow."""
     if (need := memory(ceil(unknowns))) > limits.memory:
         return f"{_rounded(unknowns)} unknowns and {need / 1e9:.2g} GB of memory"
-    if tried:
-        spent = sum(t.seconds for t in tried)
-        takes = spent + tried[-1].seconds * (unknowns / tried[-1].unknowns) ** GROWTH
+    if trials:
+        spent = sum(t.seconds for t in trials)
+        takes = spent + trials[-1].seconds * (unknowns / trials[-1].unknowns) ** GROWTH
         if takes > limits.time:
             return f"{_rounded(unknowns)} unknowns, whose trials take {takes / 60:.2g} min"
     return ""
 
 
-def out_of_reach(tried: Sequence[Tried], wanted: float, limits: Limits) -> tuple[str, float]:
-    """Return what a wanted error would need if that is too much, and the least error possible.
+def out_of_reach(trials: Sequence[Trial], target: float, limits: Limits) -> tuple[str, float]:
+    """Return what a target error would need if that is too much, and the least error possible.
 
     It is judged by the last two meshes; before there are two, nothing is out of reach.
 
     Args:
-        tried: The trials so far.
-        wanted: The error.
+        trials: The trials so far.
+        target: The error.
         limits: Of memory and time.
 
     Returns:
         The need in words, or nothing; about the error that the limits allow.
     """
-    known = [t for t in tried if t.error is not None]
+    known = [t for t in trials if t.error is not None]
     if len(known) < 2:
         return "", 0.0
     last, growth = known[-1], _growth(known)
 
     def needs(cells: float) -> str:
-        return beyond(last.unknowns * (cells / last.cells) ** growth, tried, limits)
+        return over_limits(last.unknowns * (cells / last.cells) ** growth, trials, limits)
 
-    if not (reason := needs(_needed(last, wanted, _order(known, USUAL)))):
+    if not (reason := needs(_needed(last, target, _order(known, USUAL)))):
         return "", 0.0
-    finest = next(c for n in count() if needs((c := last.cells * FINER**n) * FINER))
+    finest = next(c for n in count() if needs((c := last.cells * SEARCH_GROWTH**n) * SEARCH_GROWTH))
     assert last.error is not None
     return reason, last.error * (last.cells / finest) ** _order(known, SLOW)
 
 
-def _needed(last: Tried, wanted: float, order: float) -> float:
+def _needed(last: Trial, target: float, order: float) -> float:
     assert last.error is not None
-    return float(last.cells * (last.error / wanted) ** (1 / order))
+    return float(last.cells * (last.error / target) ** (1 / order))
 
 
-def _order(tried: Sequence[Tried], least: float) -> float:
+def _order(trials: Sequence[Trial], least: float) -> float:
     """Return the order in the size of cells that the last two meshes show."""
-    known = [t for t in tried if t.error]
+    known = [t for t in trials if t.error]
     if len(known) < 2:
         return FAST
     coarse, fine = known[-2:]
@@ -117,8 +117,8 @@ def _order(tried: Sequence[Tried], least: float) -> float:
     return min(max(seen, least), FAST)
 
 
-def _growth(tried: Sequence[Tried]) -> float:
-    coarse, fine = tried[-2:]
+def _growth(trials: Sequence[Trial]) -> float:
+    coarse, fine = trials[-2:]
     seen = log(fine.unknowns / coarse.unknowns) / log(fine.cells / coarse.cells)
     return min(max(seen, LINE), AREA)
 

@@ -1,8 +1,6 @@
-"""How far from its limit a sequence of answers is.
+"""Estimated errors of a case: from elements and from steps, each measured by itself.
 
-The errors of a case's answers: from elements and from steps, each measured by itself.
-
-Both parts add up to leading order. That of the elements is found with few steps, from three
+Both parts add up to leading order. That of the elements follows with few steps from three
 degrees on the mesh of the case; that of the steps on a coarse mesh, from half as many steps.
 """
 
@@ -10,35 +8,55 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import ufl
+from dolfinx import fem
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from forms.kinematics import point_of, point_variation
+from forms.variation import second_variation
 from wovenfab.case import Case
+from wovenfab.model.compiler import compile_form
+from wovenfab.model.model import Model
+from wovenfab.parallel import on_root
+from wovenfab.record.field_file import ERROR
+from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.history import index_of_peak
+from wovenfab.record.results import write_whole
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.response import Response, discretised, paced, response_of
+from wovenfab.simulation.prolongation import prolongated
+from wovenfab.simulation.response import Response, response_of, with_elements, with_steps
 
+Array = NDArray[np.float64]
 #: Slowest and fastest convergence that is believed: exponents of degree. Beside a singularity
 #: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/4 at least: where a
 #: clamped side of a cut meets its free one.
 SLOWEST, FASTEST = 1.0, 40.0
+#: Share of the usual number of steps that is enough to compare elements: with half as many,
+#: what they dissipate in a cycle with slip is half as wrong as with many.
+FEW = 0.15
+PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
+ERRORS = "error.csv"
 
 
 def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:
-    """Return the errors of three answers from elements of three degrees on one mesh.
+    """Return the errors of three values from elements of three degrees on one mesh.
 
-    The answers are taken to follow ``limit + C p^-r``, as they do where corners are
+    The values are taken to follow ``limit + C p^-r``, as they do where corners are
     singular; where they converge faster, r comes out large and the error of each is
     nearly its distance from the next.
 
     Args:
         degrees: Three degrees, one after another.
-        values: The answers.
+        values: The values.
 
     Returns:
-        Signed errors of the three, each its answer minus the limit.
+        Signed errors of the three, each its value minus the limit.
     """
     low, middle, high = degrees
     first, second = values[0] - values[1], values[1] - values[2]
@@ -49,13 +67,13 @@ def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[f
     if first * second <= 0:  # no trend: the last change is all that is known
         r = FASTEST if abs(second) <= abs(first) else SLOWEST
     else:
-        found = first / second
-        if found <= ratio(SLOWEST):
+        observed = first / second
+        if observed <= ratio(SLOWEST):
             r = SLOWEST
-        elif found >= ratio(FASTEST):
+        elif observed >= ratio(FASTEST):
             r = FASTEST
         else:
-            r = float(brentq(lambda s: ratio(s) - found, SLOWEST, FASTEST))
+            r = float(brentq(lambda s: ratio(s) - observed, SLOWEST, FASTEST))
     last = second / ((high / middle) ** r - 1)
     return first + second + last, second + last, last
 
@@ -63,11 +81,11 @@ def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[f
 def error_of_steps(
     steps: tuple[int, int], values: tuple[float, float], order: int
 ) -> tuple[float, float]:
-    """Return the errors of two answers from two numbers of steps (Richardson).
+    """Return the errors of two values from two numbers of steps (Richardson).
 
     Args:
         steps: The fewer, the more.
-        values: The answers.
+        values: The values.
         order: Order of the scheme.
     """
     gain = (steps[1] / steps[0]) ** order
@@ -75,29 +93,22 @@ def error_of_steps(
     return gain * second, second
 
 
-Array = NDArray[np.float64]
-#: Share of the usual number of steps that is enough to compare elements: with half as many,
-#: what they dissipate in a cycle with slip is half as wrong as with many.
-FEW = 0.15
-PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
-
-
 @dataclass(frozen=True)
-class Ladder:
-    """Answers from three degrees on one mesh, with the same few steps.
+class DegreeRefinement:
+    """Responses with three degrees on one mesh, with the same few steps.
 
     Attributes:
         degrees: The degrees, one after another.
-        traces: The answers.
+        responses: The responses.
     """
 
     degrees: tuple[int, ...]
-    traces: tuple[Response, ...]
+    responses: tuple[Response, ...]
 
     def errors(self, degree: int) -> dict[str, float]:
         """Return the signed error of each figure over it, with elements of one of the degrees."""
         place = self.degrees.index(degree)
-        figures = [t.figures for t in self.traces]
+        figures = [r.figures for r in self.responses]
         return {
             name: error_of_degrees(self.degrees, [f[name] for f in figures])[place] / value
             for name, value in figures[place].items()
@@ -105,27 +116,28 @@ class Ladder:
         }
 
 
-def rung(
-    case: Case, sheet: Sheet, degree: int, share: float = FEW, below: Response | None = None
+def response_with_degree(
+    case: Case, sheet: Sheet, degree: int, share: float = FEW, lower: Response | None = None
 ) -> Response:
-    """Return the answer of a case with another degree and a share of its steps; collective.
+    """Return the response of a case with another degree and a share of its steps; collective.
 
     Args:
         case: The case.
         sheet: Its sheet.
         degree: Of the elements.
         share: Of the planned steps.
-        below: The answer of a lower degree with the same steps, to begin from.
+        lower: The response of a lower degree with the same steps: the initial guess.
     """
-    return response_of(discretised(paced(case, share), degree=degree), sheet, below, keep=True)
+    trial = with_elements(with_steps(case, share), degree=degree)
+    return response_of(trial, sheet, lower, with_states=True)
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Answers from two numbers of steps with the same elements.
+class StepRefinement:
+    """Responses with two numbers of steps on the same elements.
 
     Attributes:
-        fewer, more: The answers.
+        fewer, more: The responses.
         order: Order of the scheme.
     """
 
@@ -136,14 +148,14 @@ class Pair:
     def errors(self) -> dict[str, float]:
         """Return the signed error of each figure over it, with more steps.
 
-        Steps miss the crest of the force, besides the error that they have there.
+        Steps miss the peak of the force between them, besides the error that they have there.
         """
-        steps, found = (self.fewer.steps, self.more.steps), self.more.figures
-        crests = self.fewer.crest, self.more.crest
-        losses = self.fewer.figures[DISSIPATED], found[DISSIPATED]
-        peak = error_of_steps(steps, crests, self.order)[1] + found[PEAK] - crests[1]
+        steps, figures = (self.fewer.count, self.more.count), self.more.figures
+        peaks = self.fewer.peak_force_bound, self.more.peak_force_bound
+        losses = self.fewer.figures[DISSIPATED], figures[DISSIPATED]
+        peak = error_of_steps(steps, peaks, self.order)[1] + figures[PEAK] - peaks[1]
         errors = {PEAK: peak, DISSIPATED: error_of_steps(steps, losses, self.order)[1]}
-        return {name: errors[name] / value for name, value in found.items() if value}
+        return {name: errors[name] / value for name, value in figures.items() if value}
 
 
 @dataclass(frozen=True)
@@ -151,19 +163,19 @@ class Estimate:
     """The errors of a case and where they come from.
 
     Attributes:
-        ladder: Answers from three degrees.
+        refinement: Responses with three degrees.
         degree: Degree of the elements of the case.
         time: Signed errors of the steps over the figures; None where they were not chosen.
     """
 
-    ladder: Ladder
+    refinement: DegreeRefinement
     degree: int
     time: Mapping[str, float] | None = None
 
     @property
     def space(self) -> dict[str, float]:
         """Signed errors of the elements over the figures."""
-        return self.ladder.errors(self.degree)
+        return self.refinement.errors(self.degree)
 
     @property
     def relative(self) -> dict[str, float]:
@@ -176,11 +188,18 @@ class Estimate:
         """The largest relative error of all figures."""
         return max(self.relative.values(), default=0.0)
 
+    @property
+    def models(self) -> tuple[Model, Model]:
+        """The models of the case's degree and of the next higher one, with their fields."""
+        place = self.refinement.degrees.index(self.degree)
+        responses = self.refinement.responses
+        return responses[place].model, responses[min(place + 1, len(responses) - 1)].model
+
     def as_dict(self, figures: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
         """Return the errors for the summary.
 
         Args:
-            figures: The answers that have these errors, by name.
+            figures: The figures that have these errors, by name.
         """
         return {
             name: {
@@ -196,19 +215,78 @@ class Estimate:
 
     def history(self) -> dict[str, Array]:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
-        place = self.ladder.degrees.index(self.degree)
-        traces = self.ladder.traces
-        own = traces[place]
+        degrees, responses = self.refinement.degrees, self.refinement.responses
+        place = degrees.index(self.degree)
+        own = responses[place]
         columns = {"time_s": own.times, "displacement_m": own.displacements}
         names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J")}
         for what, (name, unit) in names.items():
-            values = np.array([getattr(t, name) for t in traces]).T
-            found = [error_of_degrees(self.ladder.degrees, v)[place] for v in values]
+            values = np.array([getattr(r, name) for r in responses]).T
+            errors = [error_of_degrees(degrees, v)[place] for v in values]
             columns[f"{what}_{unit}"] = getattr(own, name)
-            columns[f"{what}_error_of_elements_{unit}"] = np.array(found)
+            columns[f"{what}_error_of_elements_{unit}"] = np.array(errors)
         return columns
 
 
 def worst(errors: Mapping[str, float]) -> float:
     """Return the largest of signed errors in size."""
     return max(map(abs, errors.values()), default=0.0)
+
+
+def error_shares(low: Model, high: Model) -> Array:
+    """Return each own cell's share of the error of elements; all together they make 1.
+
+    The error of the energy is half the second variation by the correction, which is the
+    difference of the responses of both degrees; that is summed over cells, by size. Facets
+    are left out: their part is that of the cells beside them.
+
+    Args:
+        low: The model whose field has the error, on the same mesh as
+        high: that of higher degree, both with their fields.
+    """
+    correction = fem.Function(high.space)
+    correction.x.array[:] = high.field.x.array - prolongated(low.field.x.array, low, high)
+    balance = high.balance
+    kind = balance.fibres, balance.second_gradient
+    variation = point_variation(correction, *kind)
+    stored = [t for t in balance.terms if not t.effect.dissipative]
+    density = second_variation(
+        lambda point: sum(t.effect.stored(point, t.values) for t in stored),
+        point_of(high.field, *kind),
+        variation,
+        variation,
+    )
+    test = ufl.TestFunction(fem.functionspace(high.sheet.mesh, ("DG", 0)))
+    form = compile_form(test * density * ufl.dx(metadata={"quadrature_degree": balance.quadrature}))
+    own = high.sheet.mesh.topology.index_map(2).size_local
+    sizes = np.abs(fem.assemble_vector(form).array[:own])
+    total = high.comm.allreduce(float(sizes.sum()), op=MPI.SUM)
+    return np.asarray(sizes / total if total else sizes)
+
+
+def write_errors(estimate: Estimate, directory: Path) -> None:
+    """Write ``error.csv``, ``error.xdmf`` and ``error.h5``; collective."""
+    columns = estimate.history()
+    low, high = estimate.models
+    comm, mesh = low.comm, low.sheet.mesh
+    rows = [
+        ",".join(columns),
+        *(",".join(map(repr, map(float, r))) for r in zip(*columns.values(), strict=True)),
+    ]
+    on_root(comm, lambda: write_whole(directory / ERRORS, "\n".join(rows) + "\n"))
+    shares = error_shares(low, high)
+    corners = mesh.geometry.x[mesh.geometry.dofmap[: len(shares)], :2]
+    one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
+    series = FieldSeries(
+        directory,
+        comm,
+        Lattice(1),
+        corners.reshape(-1, 2),
+        low.sheet.original_cells[: len(shares)],
+        {"error_share": "1", "error_density": "1/m^2"},
+        ERROR,
+    )
+    at_peak = float(columns["time_s"][index_of_peak(columns["force_N"])])
+    fields = {"error_share": np.repeat(shares, 3), "error_density": np.repeat(shares / area, 3)}
+    series.write(0, at_peak, fields)

@@ -1,56 +1,244 @@
-"""Elements and steps that reach a wanted accuracy, found by estimating errors."""
+"""Elements and steps for a target accuracy, chosen by estimated errors of trials."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+from mpi4py import MPI
 
 from wovenfab.case import Case
-from wovenfab.simulation.progress import memory_of_machine
-from wovenfab.simulation.response import brief, discretised
-from wovenfab.study.target_accuracy.cost_model import Limits
-from wovenfab.study.target_accuracy.mesh import COARSEST, Mesher, Plan, mesh_for, meshed, side
-from wovenfab.study.target_accuracy.time_steps import Tell, steps_for
+from wovenfab.model.spaces import placements_on
+from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.progress import memory, memory_of_machine
+from wovenfab.simulation.response import Response, trial_of, with_elements
+from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.target_accuracy.cost_model import (
+    Limits,
+    Trial,
+    next_cells,
+    out_of_reach,
+    over_limits,
+)
+from wovenfab.study.target_accuracy.estimate import (
+    FEW,
+    DegreeRefinement,
+    Estimate,
+    response_with_degree,
+)
+from wovenfab.study.target_accuracy.time_steps import Report, steps_for
+
+log = logging.getLogger(__name__)
 
 #: Share of the machine's memory that a run may take.
-ROOM = 0.6
+MEMORY_SHARE = 0.6
 #: Share of the accuracy that is aimed at, for estimates are not exact; the largest share of that
 #: which elements may use where steps have an error, too: finer cells cost more than more steps.
-AIM, OF_ELEMENTS = 0.8, 0.75
+AIM, ELEMENTS_SHARE = 0.8, 0.75
+#: Cells across the sheet's shorter side at first.
+COARSEST = 2
+#: Degrees that are tried on a mesh, one after another; one lower and one higher give the
+#: errors of each.
+DEGREES = (2, 3, 4, 5)
+
+Mesher = Callable[[Case], Sheet]
 
 
-def plan(case: Case, mesher: Mesher, tell: Tell, limits: Limits | None = None) -> Plan:
+@dataclass(frozen=True)
+class Plan:
+    """Elements and steps for an accuracy.
+
+    Attributes:
+        case: The case with elements and steps, without an accuracy.
+        sheet: Its sheet.
+        estimate: Its errors; None where no trial reached its end.
+        shortfall: Why the accuracy is not reached, or empty.
+        reachable: About the least error of elements that limits allow, if known, otherwise 0.
+    """
+
+    case: Case
+    sheet: Sheet
+    estimate: Estimate | None
+    shortfall: str = ""
+    reachable: float = 0.0
+
+
+def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = None) -> Plan:
     """Return elements and steps for the accuracy of a case; collective.
 
-    Elements are found first, with few steps, and then the steps, with coarse elements: the
+    Elements are chosen first, with few steps, and then the steps, with coarse elements: the
     errors of both add up. Of several cycles the largest is tried.
 
     Args:
         case: A case with an accuracy.
         mesher: Returns the sheet of a case.
-        tell: Called with what is being done.
+        report: Called with a line on each trial.
         limits: Of memory and time; a share of the machine's memory if None.
     """
     assert case.accuracy is not None
     base = case.model_copy(update={"accuracy": None})
-    whole = mesher(base)
-    limits = limits or Limits(memory_of_machine() * ROOM)
+    sheet = mesher(base)
+    limits = limits or Limits(memory_of_machine() * MEMORY_SHARE)
     aim = AIM * case.accuracy
-    share = OF_ELEMENTS if base.needs.history else 1.0
-    found = mesh_for(base, share * aim, mesher, limits, tell, whole)
-    if found.reachable:
-        able = f"about {100 * found.reachable / (share * AIM):.2g} % can be asked for"
-        found = replace(found, shortfall=f"{found.shortfall}; {able}")
-    if found.estimate is None:
-        return found
-    coarse = discretised(base, mesh_size=side(whole) / COARSEST, degree=2)
-    coarse, rough = meshed(coarse, mesher, whole)
-    error = found.estimate.worst
-    left = max(aim - error, (1 - OF_ELEMENTS) * max(aim, error))
-    paced = steps_for(found.case, brief(coarse, left), rough, left, tell)
-    if paced is None:
-        return found
-    estimate = replace(found.estimate, time=paced.errors)
-    reason = found.shortfall if estimate.worst > case.accuracy else ""
-    if not reason and estimate.worst > case.accuracy:
-        reason = "shorter steps were not tried"
-    return replace(found, case=paced.case, estimate=estimate, shortfall=reason)
+    share = ELEMENTS_SHARE if base.needs.history else 1.0
+    elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet).run()
+    if elements.reachable:
+        able = f"about {100 * elements.reachable / (share * AIM):.2g} % can be asked for"
+        elements = replace(elements, shortfall=f"{elements.shortfall}; {able}")
+    if elements.estimate is None:
+        return elements
+    d, error = elements.case.discretisation, elements.estimate.worst
+    log.info(
+        "elements: degree %d, mesh size %s m, estimated error %.2g of %.2g; %s",
+        d.degree, d.mesh_size, error, share * aim, elements.shortfall or "small enough",
+    )  # fmt: skip
+    coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
+    coarse, coarse_sheet = meshed(coarse, mesher, sheet)
+    left = max(aim - error, (1 - ELEMENTS_SHARE) * max(aim, error))
+    steps = steps_for(elements.case, trial_of(coarse, left), coarse_sheet, left, report)
+    if steps is None:
+        return elements
+    estimate = replace(elements.estimate, time=steps.errors)
+    shortfall = elements.shortfall if estimate.worst > case.accuracy else ""
+    if not shortfall and estimate.worst > case.accuracy:
+        shortfall = "shorter steps were not tried"
+    return replace(elements, case=steps.case, estimate=estimate, shortfall=shortfall)
+
+
+@dataclass
+class _MeshSearch:
+    """The search for the coarsest cells and the lowest degree that are accurate enough.
+
+    Attributes:
+        case: The case without an accuracy.
+        target: Relative error of the elements.
+        mesher: Returns the sheet of a case.
+        limits: Of memory and time.
+        report: Called with a line on each trial.
+        sheet: The sheet with any mesh.
+        best: The best elements so far.
+        share: Share of the usual steps, which is enough for all degrees.
+        seconds: Wall time of the steps of the last mesh, without compiling.
+    """
+
+    case: Case
+    target: float
+    mesher: Mesher
+    limits: Limits
+    report: Report
+    sheet: Sheet
+    best: Plan | None = None
+    share: float = FEW
+    seconds: float = 0.0
+
+    def run(self) -> Plan:
+        """Return the elements that are accurate enough, or the best; collective."""
+        cells, reachable, failure = COARSEST, 0.0, ""
+        trials: list[Trial] = []
+        while True:
+            start = perf_counter()
+            size = shorter_side(self.sheet) / cells
+            trial, sheet = meshed(with_elements(self.case, mesh_size=size), self.mesher, self.sheet)
+            unknowns = _unknowns(trial, sheet, DEGREES[2])
+            if need := over_limits(unknowns, trials, self.limits):
+                reason = f"the next finer elements have {need}, more than allowed"
+                break
+            error = None
+            try:
+                error = self._error(trial, sheet)
+            except (StepFailedError, StabilityLostError) as problem:
+                self.seconds = perf_counter() - start
+                failure = f"no trial got to its end: {problem}"
+            if error is not None and error <= self.target:
+                assert self.best is not None
+                return self.best
+            if not has_free_size(self.case):
+                reason = failure or "the mesh is given, so that only degrees could be tried"
+                break
+            trials.append(Trial(cells, unknowns, _slowest(sheet, self.seconds), error))
+            need, reachable = out_of_reach(trials, self.target, self.limits)
+            if need:
+                reason = f"it needs elements with about {need}, more than allowed"
+                break
+            cells = next_cells(trials, self.target)
+        log.info("elements: accuracy not reached: %s", reason)
+        if self.best is None:
+            case = with_elements(self.case, degree=DEGREES[1])
+            return Plan(case, self.mesher(self.case), None, failure or reason)
+        return replace(self.best, shortfall=reason, reachable=reachable)
+
+    def _error(self, trial: Case, sheet: Sheet) -> float | None:
+        """Return the error on a mesh by the lowest degree that is good enough, or by the best."""
+        responses: list[Response] = []
+        error, self.seconds = None, 0.0
+        for degree in DEGREES:
+            unknowns = _unknowns(trial, sheet, degree)
+            if memory(unknowns) > self.limits.memory:
+                break
+            self.report(f"elements: degree {degree}, {unknowns} unknowns")
+            lower = responses[-1] if responses else None
+            short = trial_of(trial, self.target)
+            responses.append(response_with_degree(short, sheet, degree, self.share, lower))
+            self.seconds += responses[-1].seconds
+            # degrees are compared with equal steps
+            if responses[-1].outcome.cutbacks and self.share < 1:
+                self.share *= 2
+                self.report("once more with twice the steps, for some had to be cut")
+                return self._error(trial, sheet)
+            if len(responses) < 3:
+                continue
+            degrees = (degree - 2, degree - 1, degree)
+            refinement = DegreeRefinement(degrees, tuple(responses[-3:]))
+            case = with_elements(trial, degree=degree - 1)
+            error = self._add(case, sheet, Estimate(refinement, degree - 1))
+            if error <= self.target:
+                break
+        return error
+
+    def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
+        """Keep the best; return the error."""
+        error, size = estimate.worst, case.discretisation.mesh_size
+        self.report(f"degree {estimate.degree}: error {100 * error:.2g} %")
+        log.info(
+            "trial: mesh size %s m, degree %d: error %.2g of %.2g",
+            size, estimate.degree, error, self.target,
+        )  # fmt: skip
+        best = self.best
+        if best is None or best.estimate is None or error < best.estimate.worst:
+            self.best = Plan(case, sheet, estimate)
+        return error
+
+
+def meshed(case: Case, mesher: Mesher, sheet: Sheet) -> tuple[Case, Sheet]:
+    """Return a case and its sheet; a mesh that was given stays as it is."""
+    if not has_free_size(case):
+        return with_elements(case, mesh_size=None), sheet
+    return case, mesher(case)
+
+
+def has_free_size(case: Case) -> bool:
+    """Return whether the size of the cells can be chosen."""
+    return not str(getattr(case.sheet, "file", "")).endswith(".msh")
+
+
+def shorter_side(sheet: Sheet) -> float:
+    """Return the shorter side of a sheet's bounding box, m; collective."""
+    x, comm = sheet.mesh.geometry.x, sheet.mesh.comm
+    sides = [
+        comm.allreduce(float(x[:, i].max()), op=MPI.MAX)
+        - comm.allreduce(float(x[:, i].min()), op=MPI.MIN)
+        for i in (0, 1)
+    ]
+    return float(min(sides))
+
+
+def _slowest(sheet: Sheet, seconds: float) -> float:
+    """Return the longest time of all ranks, so that all decide alike; collective."""
+    return float(sheet.mesh.comm.allreduce(seconds, op=MPI.MAX))
+
+
+def _unknowns(case: Case, sheet: Sheet, degree: int) -> int:
+    return placements_on(sheet.mesh, degree, case.needs.placements, sheet.jumps).unknowns
