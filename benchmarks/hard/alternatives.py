@@ -118,7 +118,7 @@ class TrustRegion(Counted):
         """Move the grips by Newton's method and go on with a trust region."""
         snes = self.newton.snes
         snes.setType("newtonls")
-        snes.setTolerances(max_it=self._options.max_iterations)
+        snes.setTolerances(max_it=self.newton.controls.max_iterations)
         first = super().solve()
         if not first.converged:
             return first
