@@ -18,28 +18,35 @@ def _told(path: Path, *overrides: str) -> str:
     return str(caught.value)
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "none.yaml"
-    assert _told(path) == f"{path}: there is no such file."
-
-
-def test_a_folder_is_named(tmp_path: Path) -> None:
-    assert _told(tmp_path) == f"{tmp_path}: this is a folder. Name the case file in it."
-
-
-def test_a_device_is_not_read() -> None:
-    assert _told(Path("/dev/zero")) == "/dev/zero: this is not an ordinary file."
-
-
-def test_a_large_file_is_not_read(write_case: WriteCase) -> None:
-    path = write_case("#" * 1_000_001)
-    assert _told(path) == "case.yaml: this is too large to be a case file (more than 1 MB)."
-
-
-def test_the_line_that_is_not_utf8_is_named(write_case: WriteCase) -> None:
-    path = write_case("")
-    path.write_bytes(b"title: x\nsheet: \xff\n")
-    assert _told(path) == "case.yaml:2: this is not UTF-8 text. Save the file in UTF-8."
+@pytest.mark.parametrize(
+    ("path", "content", "says"),
+    [
+        ("none.yaml", None, "none.yaml: there is no such file."),
+        (".", None, ".: this is a folder. Name the case file in it."),
+        ("/dev/zero", None, "/dev/zero: this is not an ordinary file."),
+        (
+            "case.yaml",
+            b"#" * 1_000_001,
+            "case.yaml: this is too large to be a case file (more than 1 MB).",
+        ),
+        (
+            "case.yaml",
+            b"title: x\nsheet: \xff\n",
+            "case.yaml:2: this is not UTF-8 text. Save the file in UTF-8.",
+        ),
+        (
+            "case.yaml",
+            b"title: \x01",
+            "case.yaml: this is not text: it has control characters in it.",
+        ),
+    ],
+    ids=["missing", "folder", "device", "large", "encoding", "control characters"],
+)
+def test_what_is_no_text_file_is_named(
+    path: str, content: bytes | None, says: str, write_case: WriteCase
+) -> None:
+    write_case("").write_bytes(content or b"")
+    assert _told(Path(path)) == says
 
 
 def test_a_byte_order_mark_does_no_harm(example: str, write_case: WriteCase) -> None:
@@ -51,11 +58,6 @@ def test_an_empty_file_says_where_to_start(text: str, write_case: WriteCase) -> 
     told = _told(write_case(text))
     assert told.startswith("case.yaml")
     assert "the file is empty" in told or "got nothing" in told
-
-
-def test_control_characters_are_refused(write_case: WriteCase) -> None:
-    told = _told(write_case("title: \x01"))
-    assert told == "case.yaml: this is not text: it has control characters in it."
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,8 @@ from mpi4py import MPI
 
 import forms
 from forms.catalogue import effects
-from wovenfab.case import CaseError, effects_page, json_schema, read_case
+from wovenfab.case import CaseError, json_schema, read_case
+from wovenfab.case.reference import effects_page
 from wovenfab.cli.check import describe
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import open_results

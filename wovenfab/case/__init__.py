@@ -16,7 +16,6 @@ from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refu
 from wovenfab.case.formula import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
 from wovenfab.case.program import Cycles, Hold, Ramp, Samples, Segment, Table
 from wovenfab.case.quantities import OneOr, Section
-from wovenfab.case.reference import effects_page, published_schema
 from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Solver, Time
 
 __all__ = [
@@ -51,13 +50,11 @@ __all__ = [
     "acting",
     "conditions_of",
     "custom_effect_errors",
-    "effects_page",
     "existing_file",
     "folder_of",
     "json_schema",
     "parse_document",
     "problems_in",
-    "published_schema",
     "read_case",
     "read_document",
     "refusal",

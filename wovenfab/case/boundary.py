@@ -23,11 +23,11 @@ from pydantic_core import core_schema
 
 from wovenfab.case.effects import Value
 from wovenfab.case.errors import describe, near_miss, one_of, wrong
-from wovenfab.case.formula import NUMPY_FUNCTIONS, VARIABLES, Expression
-from wovenfab.case.quantities import OneOr, Section, Varying, hide_default
+from wovenfab.case.formula import VARIABLES, Expression
+from wovenfab.case.quantities import OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import write
 
-_LENGTH = Varying(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
+_LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
 _FACTORS = {"program": 1.0, "-program": -1.0}
 
 
@@ -58,9 +58,7 @@ class Component:
         """Return the displacement (m) at points (m, arrays) for a program (m)."""
         if self.expression is None:
             return self.factor * program + self.offset + np.zeros_like(x)
-        with np.errstate(all="ignore"):
-            known = {"x": x, "y": y, "program": program}
-            return self.expression.evaluate(known, NUMPY_FUNCTIONS) + np.zeros_like(x)
+        return self.expression.at(x, y, program)
 
 
 FREE = Component(held=False)
@@ -94,7 +92,7 @@ AnyComponent = Annotated[
 ]
 
 
-_LOAD = Varying(unit="N/m", variables=VARIABLES)
+_LOAD = Quantity(unit="N/m", variables=VARIABLES)
 _ROTATIONS = ("free", "held")
 _CLAMPS = ("placement", "rotation")
 BOTH = (1, 2)

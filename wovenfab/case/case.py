@@ -47,7 +47,7 @@ Overrides = Sequence[str] | Mapping[str, Any]
 
 #: Cells across a rectangle unless the case says more: along the fibres few are enough.
 CELLS = {"fibres": 4, "crossed": 10, "right": 10, "unstructured": 10}
-#: What is found by the program, and not said by the case, where an accuracy is asked for.
+#: What the program chooses where an accuracy is asked for.
 CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle", "tolerance"}}
 
 

@@ -26,7 +26,7 @@ from wovenfab.case.effects import (
     with_two_placements,
 )
 from wovenfab.case.errors import KeyPath, near_miss, one_of
-from wovenfab.case.formula import NUMPY_FUNCTIONS, Expression
+from wovenfab.case.formula import Expression
 from wovenfab.case.program import Hold, Ramp, Segment, Table, reached
 from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Time, possible_fields
 
@@ -39,7 +39,7 @@ Rule = Callable[..., Iterator[Finding]]
 #: A force that follows the program, as a remedy.
 GROWING = "'10 N/m * program/40 mm'"
 _REMEDY = "Keep it in bounds, as with max(..., ...) or if(..., ..., ...)."
-#: More triangles are a slip of the keyboard: no machine has the memory for them.
+#: More triangles are a typing error: no machine has the memory for them.
 MOST_TRIANGLES = 1e7
 
 _RULES: list[Rule] = []
@@ -109,11 +109,8 @@ def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Ite
         held = [any(c[i].held for c in components) for i in (0, 1)]
         motion = None if all(held) else f"move along {'y' if held[0] else 'x'}"
     if motion:
-        yield (
-            ("boundary",),
-            f"the held edges leave the sheet free to {motion}",
-            "Clamp an edge, as in 'left: clamp'.",
-        )
+        reason = f"the held edges leave the sheet free to {motion}"
+        yield ("boundary",), reason, "Clamp an edge, as in 'left: clamp'."
 
 
 @_rule
@@ -144,7 +141,8 @@ def _apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) 
 @_rule
 def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
-        x, y = samples_of(sheet.length, sheet.width)
+        sides = np.linspace(0, sheet.length, 50), np.linspace(0, sheet.width, 50)
+        x, y = (coordinate.ravel() for coordinate in np.meshgrid(*sides))
         yield from list(unfit_values(scene, x, y)) or unsound_places(scene, x, y)
 
 
@@ -235,11 +233,8 @@ def _joints(program: Program) -> Iterator[Finding]:
 @_rule
 def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
     if discretisation.degree < 2 and needs_of_scene(scene).second_gradient:
-        yield (
-            ("discretisation", "degree"),
-            "must be at least 2, because an effect depends on second derivatives",
-            "",
-        )
+        reason = "must be at least 2, because an effect depends on second derivatives"
+        yield ("discretisation", "degree"), reason, ""
 
 
 @_rule
@@ -257,13 +252,11 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
     mesh = given.mesh or "fibres"
     if isinstance(sheet, Rectangle):
         side = min(sheet.length, sheet.width)
+        least = sqrt(2 * sheet.length * sheet.width / MOST_TRIANGLES)
         if given.mesh_size and given.mesh_size > side:
-            yield (
-                ("discretisation", "mesh_size"),
-                f"is larger than the shorter side, {side:g} m",
-                "",
-            )
-        elif given.mesh_size and (least := _least_size(sheet)) > given.mesh_size:
+            too_large = f"is larger than the shorter side, {side:g} m"
+            yield ("discretisation", "mesh_size"), too_large, ""
+        elif given.mesh_size and given.mesh_size < least:
             yield (
                 ("discretisation", "mesh_size"),
                 f"makes more than {MOST_TRIANGLES / 1e6:g} million triangles of this sheet",
@@ -310,25 +303,10 @@ def _tolerance(time: Time) -> Iterator[Finding]:
         yield ("time", "tolerance"), reason, "Use 'scheme: bdf2', or leave this key out."
 
 
-def _least_size(sheet: Rectangle) -> float:
-    """Return the size of cells (m) below which a rectangle has too many."""
-    return sqrt(2 * sheet.length * sheet.width / MOST_TRIANGLES)
-
-
-def samples_of(length: float, width: float) -> tuple[Array, Array]:
-    """Return x and y (m, flat) of a 50 by 50 grid that covers a rectangle, its edges included."""
-    x, y = np.meshgrid(np.linspace(0, length, 50), np.linspace(0, width, 50))
-    return x.ravel(), y.ravel()
-
-
 def values_at(value: Value, x: Array, y: Array, program: float = 0.0) -> Array:
     """Return a parameter's value at points, or a force's for a program (m)."""
-    if not isinstance(value, Expression):
-        return np.full_like(x, value)
-    known = {"x": x, "y": y, "program": program}
-    with np.errstate(all="ignore"):
-        found: Array = np.zeros_like(x) + value.evaluate(known, NUMPY_FUNCTIONS)
-    return found
+    values: Array = np.full_like(x, 0.0 if isinstance(value, Expression) else value)
+    return values + value.at(x, y, program) if isinstance(value, Expression) else values
 
 
 def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -343,14 +321,13 @@ def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
         for p in e.effect.parameters:
             bounds = quantity(p)
             for path, value in _formulas(("effects", e.name, p.name), e.values[p.name]):
-                found = values_at(value, x, y)
-                if not np.isfinite(found).all():
-                    yield _infinite(path, found, x, y)
-                    continue
-                worst = int(np.argmin(found))
-                if broken := bounds.broken(found[worst]):
+                values = values_at(value, x, y)
+                worst = int(np.argmin(values))
+                if not np.isfinite(values).all():
+                    yield from _infinite(path, values, x, y)
+                elif broken := bounds.broken(values[worst]):
                     place = _place(x, y, worst)
-                    yield path, f"must {broken}, but is {found[worst]:g} at {place}", _REMEDY
+                    yield path, f"must {broken}, but is {values[worst]:g} at {place}", _REMEDY
 
 
 def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -380,14 +357,14 @@ def unfit_conditions(
         programs: Displacements (m) that the program reaches.
     """
     for i, condition in enumerate(conditions):
-        for k, component in enumerate(condition.components):
-            if component.expression is not None:
-                path: KeyPath = ("boundary", edge, i, "displacement", k)
-                over = [component.at(x, y, program) for program in programs]
-                yield from _if_infinite(path, np.sum(over, axis=0), x, y)
-        for path, value in _formulas(("boundary", edge, i, "force"), condition.force or ()):
+        here: KeyPath = ("boundary", edge, i)
+        given = [
+            ((*here, "displacement", k), c.expression or 0.0)
+            for k, c in enumerate(condition.components)
+        ]
+        for path, value in (*given, *_formulas((*here, "force"), condition.force or ())):
             over = [values_at(value, x, y, program) for program in programs]
-            yield from _if_infinite(path, np.sum(over, axis=0), x, y)
+            yield from _infinite(path, np.sum(over, axis=0), x, y)
 
 
 def _formulas(path: KeyPath, given: Any) -> Iterator[tuple[KeyPath, Expression]]:
@@ -409,14 +386,10 @@ def _acting(e: SceneEffect, x: Array, y: Array) -> NDArray[np.bool_]:
     return everywhere
 
 
-def _if_infinite(path: KeyPath, found: Array, x: Array, y: Array) -> Iterator[Finding]:
-    if not np.isfinite(found).all():
-        yield _infinite(path, found, x, y)
-
-
-def _infinite(path: KeyPath, found: Array, x: Array, y: Array) -> Finding:
-    place = _place(x, y, int(np.argmin(np.isfinite(found))))
-    return path, f"has no finite value at {place}", ""
+def _infinite(path: KeyPath, values: Array, x: Array, y: Array) -> Iterator[Finding]:
+    finite = np.isfinite(values)
+    if not finite.all():
+        yield path, f"has no finite value at {_place(x, y, int(np.argmin(finite)))}", ""
 
 
 def _place(x: Array, y: Array, i: int) -> str:

@@ -1,7 +1,7 @@
 """A user's own effects, each a Python file beside the case that names it.
 
 Such a file is run only because a case names it, and leaves nothing behind: the
-effect is handed on as an object, so that two cases may each have their own effect
+effect is passed on as an object, so that two cases may each have their own effect
 of the same name.
 """
 
@@ -81,7 +81,7 @@ def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
 def _loaded(path: Path, value: str) -> Effect:
     """Return ``EFFECT`` of a file, which is run for that."""
     # As if it lay in forms/, so that it can be moved there as it is.
-    module = ModuleType(f"forms.own:{path}")
+    module = ModuleType(f"forms.custom:{path}")
     module.__package__, module.__file__ = "forms", str(path)
     sys.modules[module.__name__] = module  # dataclasses look themselves up there
     try:

@@ -161,8 +161,8 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
         root = YAML(typ="safe", pure=True).compose(text)
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
-        text = ", ".join(filter(None, (error.context, error.problem)))
-        raise refusal(file, f"this is not valid YAML: {text}", "", line) from error
+        problem = ", ".join(filter(None, (error.context, error.problem)))
+        raise refusal(file, f"this is not valid YAML: {problem}", "", line) from error
     except YAMLError as error:
         raise refusal(file, "this is not text: it has control characters in it") from error
     except RecursionError as error:
@@ -259,25 +259,6 @@ _KINDS = ("type", LAW)
 _ABSENT = "there is nothing here to take out"
 
 
-class _Change(NamedTuple):
-    """Something that a case puts in place of what it starts from, or adds to it.
-
-    Attributes:
-        path: Where.
-        new: The value, None to take it out.
-        beside: What the other file has there, by key.
-    """
-
-    path: KeyPath
-    new: Any
-    beside: Mapping[str, Any]
-
-    @property
-    def known(self) -> bool:
-        """Whether the other file has this key."""
-        return self.path[-1] in self.beside
-
-
 def resolved_document(path: Path) -> Document:
     """Return the contents of a case file with all that it takes over from others.
 
@@ -294,9 +275,9 @@ def _resolved(path: Path, below: tuple[Path, ...]) -> Document:
     if not isinstance(document.data, dict) or FROM not in document.data:
         return document
     base_path = _base_of(document, path, (*below, path.resolve()))
-    own = {key: value for key, value in document.data.items() if key != FROM}
+    upper = {key: value for key, value in document.data.items() if key != FROM}
     base = _resolved(base_path, (*below, path.resolve()))
-    return _merged(base, replace(document, data=own))
+    return _merged(base, replace(document, data=upper))
 
 
 def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
@@ -314,47 +295,46 @@ def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
     return path.parent / str(given)
 
 
-def _merged(base: Document, own: Document) -> Document:
-    """Return ``own`` laid over ``base``."""
+def _merged(base: Document, upper: Document) -> Document:
+    """Return ``upper`` laid over ``base``."""
     if not isinstance(base.data, dict):
         raise CaseError([base.problem((), "expected keys with values")])
-    changes = list(_changes(base.data, own.data))
-    absent = [change for change in changes if change.new is None and not change.known]
-    if absent:
+    changes = list(_changes(base.data, upper.data))
+    if absent := [c for c in changes if c[1] is None and c[0][-1] not in c[2]]:
         raise CaseError(
-            own.problem(c.path, _ABSENT, near_miss(c.path[-1], c.beside)) for c in absent
+            upper.problem(p, _ABSENT, near_miss(p[-1], known)) for p, _, known in absent
         )
-    gone = {change.path for change in changes}
+    gone = {path for path, *_ in changes}
     kept = {
         path: place
         for path, place in base.places.items()
-        if path not in own.places and not any(path[:n] in gone for n in range(len(path)))
+        if path not in upper.places and not any(path[:n] in gone for n in range(len(path)))
     }
-    return replace(own, data=_laid_over(base.data, own.data), places={**own.places, **kept})
+    return replace(upper, data=_laid_over(base.data, upper.data), places={**upper.places, **kept})
 
 
 def _changes(
-    base: Mapping[str, Any], own: Mapping[str, Any], above: KeyPath = ()
-) -> Iterator[_Change]:
-    """Yield where a mapping says something else than the one below it, or something new."""
-    for key, new in own.items():
+    base: Mapping[str, Any], upper: Mapping[str, Any], above: KeyPath = ()
+) -> Iterator[tuple[KeyPath, Any, Mapping[str, Any]]]:
+    """Yield what a mapping changes in the one below it: where, the new value, the old mapping."""
+    for key, new in upper.items():
         if _merge(base.get(key), new):
             yield from _changes(base[key], new, (*above, key))
         else:
-            yield _Change((*above, key), new, base)
+            yield (*above, key), new, base
 
 
-def _laid_over(base: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+def _laid_over(base: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, Any]:
     """Return a mapping with what another one changes in it."""
-    new = {k: _laid_over(base[k], v) if _merge(base.get(k), v) else v for k, v in own.items()}
-    return {k: v for k, v in {**base, **new}.items() if k not in own or v is not None}
+    new = {k: _laid_over(base[k], v) if _merge(base.get(k), v) else v for k, v in upper.items()}
+    return {k: v for k, v in {**base, **new}.items() if k not in upper or v is not None}
 
 
-def _merge(base: Any, own: Any) -> bool:
+def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
-    if not isinstance(base, dict) or not isinstance(own, dict):
+    if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
-    return all(own.get(kind, base.get(kind)) == base.get(kind) for kind in _KINDS)
+    return all(upper.get(kind, base.get(kind)) == base.get(kind) for kind in _KINDS)
 
 
 def key_path(key: str) -> KeyPath:

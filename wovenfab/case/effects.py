@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Union
 
@@ -26,7 +26,7 @@ from forms import catalogue
 from forms.effect import Effect, Needs, Parameter
 from wovenfab.case.document import FILE, LAW
 from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import Json, OneOr, Section, Varying, hide_default
+from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import KINDS
 
 #: A parameter's value in SI units: the same everywhere, or a formula of x and y.
@@ -73,12 +73,12 @@ Scene = tuple[SceneEffect, ...]
 _LAW = "Which law it obeys"
 
 
-def quantity(parameter: Parameter) -> Varying:
+def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    unit = _unit(parameter)
+    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))
     if parameter.above is not None:
-        return Varying(unit=unit, above=parameter.above)
-    return Varying(unit=unit, least=0) if parameter.zero_allowed else Varying(unit=unit, above=0)
+        return kind(above=parameter.above)
+    return kind(least=0) if parameter.zero_allowed else kind(above=0)
 
 
 def field(name: str) -> str:

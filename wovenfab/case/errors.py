@@ -79,6 +79,19 @@ def refusal(
     return CaseError([Problem(file, line, key, message, remedy)])
 
 
+class FormulaError(ValueError):
+    """A text that is no formula, or one that makes no sense.
+
+    Attributes:
+        remedy: What would be right, in full sentences; may be empty.
+    """
+
+    def __init__(self, message: str, remedy: str = "") -> None:
+        """Keep both."""
+        super().__init__(message)
+        self.remedy = remedy
+
+
 def wrong(message: str, remedy: str = "") -> PydanticCustomError:
     """Return the error to raise in a validator; arguments as in :class:`Problem`."""
     return PydanticCustomError("wrong", "{message}", {"message": message, "remedy": remedy})

@@ -16,16 +16,14 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from wovenfab.case import units
-from wovenfab.case.errors import describe, near_miss
+from wovenfab.case.errors import FormulaError, describe, near_miss
 
-LONGEST = 500
-DEEPEST = 20
-
+LONGEST, DEEPEST = 500, 20
 #: What a formula may depend on, each a length in m.
 VARIABLES = ("x", "y", "program")
 #: Functions by name with the number of their arguments.
@@ -35,46 +33,26 @@ FUNCTIONS = {
     "if": 3,
 }
 _CONSTANTS = {"pi": math.pi}
+#: The signs of a formula, each a node of Python's tree; no others are accepted.
+_NODES = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
+_COMPARISONS = ("<", "<=", ">", ">=")
+_CONNECTIVES = ("and", "or")
+_ALL_SIGNS = ("+", "-", "*", "/", "**", *_COMPARISONS, *_CONNECTIVES)
+_SIGNS = dict(zip((*_NODES, ast.And, ast.Or), _ALL_SIGNS, strict=True))
 #: Done by Python's own operators, whatever the values are.
 _OPERATORS: Mapping[str, Callable[..., Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "**": operator.pow,
-    "negative": operator.neg,
+    **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv},
+    **{"**": operator.pow, "negative": operator.neg},
 }
 #: The functions, comparisons and connectives for arrays; ``if`` takes a condition and two values.
 NUMPY_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     **{name: getattr(np, name) for name in FUNCTIONS if name not in ("min", "max", "if")},
-    "min": np.minimum,
-    "max": np.maximum,
-    "if": np.where,
-    "<": np.less,
-    "<=": np.less_equal,
-    ">": np.greater,
-    ">=": np.greater_equal,
-    "and": np.logical_and,
-    "or": np.logical_or,
+    **{"min": np.minimum, "max": np.maximum, "if": np.where},
+    **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
+    **{"and": np.logical_and, "or": np.logical_or},
 }
-_COMPARISONS = ("<", "<=", ">", ">=")
-_CONNECTIVES = ("and", "or")
 #: Keys that the functions given to :meth:`Expression.evaluate` must have.
 REQUIRED_FUNCTIONS = frozenset(NUMPY_FUNCTIONS)
-#: The nodes of Python's tree that are accepted beside names, numbers and calls.
-_SIGNS: Mapping[type[ast.AST], str] = {
-    ast.Add: "+",
-    ast.Sub: "-",
-    ast.Mult: "*",
-    ast.Div: "/",
-    ast.Pow: "**",
-    ast.Lt: "<",
-    ast.LtE: "<=",
-    ast.Gt: ">",
-    ast.GtE: ">=",
-    ast.And: "and",
-    ast.Or: "or",
-}
 
 _TOKEN = re.compile(
     r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
@@ -90,19 +68,6 @@ _NAMED = re.compile(rf"\b(?:{'|'.join((*VARIABLES, *_CONSTANTS))})\b")
 _POWERS = ("^", "**")
 #: What is written otherwise in Python.
 _PYTHON = {"^": "**", "if": "IF"}
-
-
-class FormulaError(ValueError):
-    """A text that is no formula, or one that makes no sense.
-
-    Attributes:
-        remedy: What would be right, in full sentences; may be empty.
-    """
-
-    def __init__(self, message: str, remedy: str = "") -> None:
-        """Keep both."""
-        super().__init__(message)
-        self.remedy = remedy
 
 
 @dataclass(frozen=True)
@@ -141,7 +106,7 @@ class Expression:
         dimension = _dimension(_parse(self.text))
         if dimension is not None and dimension != units.in_si(self.unit)[1]:
             kind = units.kind(self.unit)
-            raise FormulaError(f"expected {kind}, but the formula gives {_in_words(dimension)}")
+            raise FormulaError(f"expected {kind}, but the formula gives {_kind(dimension)}")
         _ = self._tree
 
     @cached_property
@@ -170,6 +135,12 @@ class Expression:
         """
         return _evaluate(self._tree, variables, functions)
 
+    def at(self, x: Any, y: Any, program: Any = 0.0) -> Any:
+        """Return the SI value at points (m, arrays) for a program (m)."""
+        variables = {"x": x, "y": y, "program": program}
+        with np.errstate(all="ignore"):
+            return self.evaluate(variables, NUMPY_FUNCTIONS) + np.zeros_like(x)
+
 
 def is_formula(text: str) -> bool:
     """Return whether a text is meant as a formula, not as a number with a unit or a word."""
@@ -184,11 +155,7 @@ def is_formula(text: str) -> bool:
     return True
 
 
-# Text to tree
-
-
-@dataclass(frozen=True)
-class _Token:
+class _Token(NamedTuple):
     kind: str
     text: str
     start: int
@@ -257,7 +224,7 @@ def _check_syntax(text: str, tokens: Sequence[_Token]) -> None:
                 )
             depths[-1] += 1
             value_next = True
-        elif sign in _SIGNS.values() or (sign == "," and closing and "," in closing[-1]):
+        elif sign in _ALL_SIGNS or (sign == "," and closing and "," in closing[-1]):
             depths[-1] = 0
             value_next = True
         elif sign == ")" and closing:
@@ -282,16 +249,14 @@ def _check_name(name: str, is_called: bool) -> None:
 
 
 def _unexpected(expected: str, token: _Token) -> FormulaError:
-    if token.kind == "end":
-        return FormulaError(f"expected {expected}, got the end")
-    at = token.start + 1
-    return FormulaError(f"expected {expected}, got {describe(token.text)} at character {at}")
+    place = f"{describe(token.text)} at character {token.start + 1}"
+    return FormulaError(f"expected {expected}, got {place if token.text else 'the end'}")
 
 
 def _tree(
     node: ast.expr, text: str, starts: Mapping[int, _Token], ends: Mapping[int, int]
 ) -> _Node:
-    """Return the tree of a formula from Python's, for the nodes that are accepted."""
+    """Return the tree of a formula from Python's, with the text of each node as written."""
     inner = partial(_tree, text=text, starts=starts, ends=ends)
     token = starts[node.col_offset]
     written = text[token.start : ends[node.end_col_offset or 0]]
@@ -313,12 +278,9 @@ def _tree(
         case ast.BoolOp(op=connective, values=[left, *others]):
             pairs = [(connective, other) for other in others]
         case ast.Call(func=ast.Name(), args=arguments, keywords=[]):
-            expected = FUNCTIONS[token.text]
-            if len(arguments) != expected:
-                values = "value" if expected == 1 else "values"
-                raise FormulaError(
-                    f"'{token.text}' takes {expected} {values}, got {len(arguments)}"
-                )
+            if len(arguments) != (number := FUNCTIONS[token.text]):
+                takes = f"{number} value" if number == 1 else f"{number} values"
+                raise FormulaError(f"'{token.text}' takes {takes}, got {len(arguments)}")
             return _Node(token.text, written, tuple(map(inner, arguments)))
         case _:
             raise FormulaError(f"{describe(written)} means nothing in a formula")
@@ -328,9 +290,6 @@ def _tree(
         written = text[token.start : ends[until.end_col_offset or 0]]
         result = _Node(_SIGNS[type(sign)], written, (result, inner(other)))
     return result
-
-
-# Tree to value
 
 
 def _in_si(node: _Node) -> _Node:
@@ -373,19 +332,15 @@ def _si_value(number: _Node) -> float:
         raise FormulaError(f"got {error}") from error
 
 
-# Dimensions
-
-#: A dimension as pint keeps it; None is that of a bare 0, which fits all others.
-_Dimension = Any
 #: In place of the dimension of a condition, which is true or false.
-_CONDITION: _Dimension = object()
+_CONDITION = object()
 _CONDITIONS = "Conditions are as in 'if(0.1 m < x and x < 0.2 m, 400 N/m, 800 N/m)'."
 _DIVIDE = "Divide by a unit, as in 'x/1 m'."
 _NUMBERS = "Numbers in a formula have their units, as in 'x - 0.3 m'."
 
 
-def _dimension(node: _Node) -> _Dimension:
-    """Return the dimension of a formula's value.
+def _dimension(node: _Node) -> Any:
+    """Return the dimension of a value as pint keeps it; None for a bare 0, which fits all.
 
     Raises:
         FormulaError: If it adds, compares or raises what cannot be.
@@ -414,7 +369,7 @@ def _dimension(node: _Node) -> _Dimension:
         case "<" | "<=" | ">" | ">=" | "+" | "-" | "min" | "max" | "if":
             known = [d for d in inner if d is not None]
             if known and known[0] != known[-1]:
-                one, other = map(_in_words, known)
+                one, other = map(_kind, known)
                 raise FormulaError(f"{written} puts {one} beside {other}", _NUMBERS)
             common = known[0] if known else None
             return _CONDITION if node.kind in _COMPARISONS else common
@@ -436,10 +391,10 @@ def _dimension(node: _Node) -> _Dimension:
                 raise FormulaError(f"the exponent in {written} is not a fixed number", _DIVIDE)
             return first**power.value
     if first not in (None, pure):
-        got = f"{_in_words(first)} in {written}"
+        got = f"{_kind(first)} in {written}"
         raise FormulaError(f"'{node.kind}' takes a pure number, got {got}", _DIVIDE)
     return pure
 
 
-def _in_words(dimension: _Dimension) -> str:
+def _kind(dimension: Any) -> str:
     return "a condition" if dimension is _CONDITION else units.kind_of(dimension)

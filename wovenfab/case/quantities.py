@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -18,8 +19,16 @@ from pydantic_core import core_schema
 
 from wovenfab.case import units
 from wovenfab.case.document import Document
-from wovenfab.case.errors import CaseError, describe, near_miss, one_of, problems_in, wrong
-from wovenfab.case.formula import Expression, FormulaError, is_formula
+from wovenfab.case.errors import (
+    CaseError,
+    FormulaError,
+    describe,
+    near_miss,
+    one_of,
+    problems_in,
+    wrong,
+)
+from wovenfab.case.formula import Expression, is_formula
 
 Json = dict[str, Any]
 
@@ -41,6 +50,10 @@ class Section(BaseModel):
         except ValidationError as error:
             document = Document(data, "", {})
             raise CaseError(problems_in(error, document, self.model_json_schema())) from error
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Show what is given."""
+        return ((key, value) for key, value in super().__repr_args__() if value is not None)
 
     # Without this pydantic would call it for the sections of a section, too.
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
@@ -131,9 +144,23 @@ class _Scalar:
 
 @dataclass(frozen=True)
 class Quantity(_Scalar):
-    """A float in the SI unit ``unit``, written as a number or as text with a unit."""
+    """A float in the SI unit ``unit``, written as a number, text with a unit or a formula.
+
+    Attributes:
+        unit: SI unit; empty for a pure number.
+        variables: What a formula may depend on here; formulas are refused if empty.
+    """
 
     unit: str = ""
+    variables: tuple[str, ...] = ()
+
+    def read(self, value: Any) -> Any:
+        """Return a word, a number, or an expression if it depends on any variable."""
+        if isinstance(value, Expression):
+            return value
+        if not self.variables or not isinstance(value, str) or value in self.words:
+            return super().read(value)
+        return self.expression(value) if is_formula(value) else self.number(value)
 
     def number(self, value: Any) -> float:
         """Return the SI value."""
@@ -150,21 +177,40 @@ class Quantity(_Scalar):
         self.check(number, value)
         return number
 
+    def expression(self, text: str) -> float | Expression:
+        """Return the value of a formula."""
+        try:
+            expression = Expression(text, self.unit)
+        except FormulaError as error:
+            raise wrong(str(error), error.remedy) from error
+        if expression.constant is not None:
+            self.check(expression.constant, text)
+            return expression.constant
+        if unknown := sorted(expression.variables - set(self.variables)):
+            remedy = f"This formula may depend on {one_of(self.variables)}."
+            raise wrong(f"'{unknown[0]}' cannot be used here", remedy)
+        return expression
+
     def write(self, value: Any) -> Any:
-        """Return text with the unit that reads as the same float."""
+        """Return text with the unit, or a formula, that reads as the same value."""
+        if isinstance(value, Expression):
+            return value.text
         return value if isinstance(value, str) else units.write(value, self.unit)
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> Json:
-        """Describe a number in SI, or text with a unit."""
+        """Describe a number in SI, or text with a unit or a formula."""
         name, example = units.KINDS.get(self.unit, ("a value", f"1 {self.unit}"))
         number = {"type": "number", "description": f"{name} in {self.unit}".removesuffix(" in ")}
-        text = {"type": "string", "pattern": units.PATTERN, "description": f"'{example}'"}
-        options = [number | self.bounds(), *([text] if self.unit else [])]
-        return self._or_words(options) | (
-            {"examples": [example], "unit": self.unit} if self.unit else {"unit": "1"}
-        )
+        text: Json = {"type": "string"}
+        if self.variables:
+            text["description"] = f"'{example}', or a formula of {', '.join(self.variables)}"
+        else:
+            text |= {"pattern": units.PATTERN, "description": f"'{example}'"}
+        options = [number | self.bounds(), *([text] if self.unit or self.variables else [])]
+        examples = {"examples": [example]} if self.unit or self.variables else {}
+        return self._or_words(options) | examples | {"unit": self.unit or "1"}
 
 
 @dataclass(frozen=True)
@@ -223,50 +269,3 @@ Speed = Annotated[float, Quantity(unit="m/s", above=0)]
 Frequency = Annotated[float, Quantity(unit="Hz", above=0)]
 Angle = Annotated[float, Quantity(unit="rad")]
 AtLeastOne = Annotated[int, Count(least=1, most=1_000_000)]
-
-
-@dataclass(frozen=True)
-class Varying(Quantity):
-    """A float in the SI unit ``unit``, or an ``Expression`` of some variables.
-
-    Attributes:
-        variables: What a formula may depend on here.
-    """
-
-    variables: tuple[str, ...] = ("x", "y")
-
-    def read(self, value: Any) -> Any:
-        """Return a word, a number, or an expression if it depends on any variable."""
-        plain = not isinstance(value, str) or value in self.words or not is_formula(value)
-        if isinstance(value, Expression) or plain:
-            return value if isinstance(value, Expression) else super().read(value)
-        try:
-            expression = Expression(value, self.unit)
-        except FormulaError as error:
-            raise wrong(str(error), error.remedy) from error
-        if expression.constant is not None:
-            self.check(expression.constant, value)
-            return expression.constant
-        if unknown := sorted(expression.variables - set(self.variables)):
-            raise wrong(
-                f"'{unknown[0]}' cannot be used here",
-                f"This formula may depend on {one_of(self.variables)}.",
-            )
-        return expression
-
-    def write(self, value: Any) -> Any:
-        """Return text that reads as the same value."""
-        return value.text if isinstance(value, Expression) else super().write(value)
-
-    def __get_pydantic_json_schema__(
-        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
-    ) -> Json:
-        """Describe a number in SI, or text with a unit or a formula."""
-        name, example = units.KINDS.get(self.unit, ("a value", f"1 {self.unit}"))
-        number = {"type": "number", "description": f"{name} in {self.unit}".removesuffix(" in ")}
-        formula = f"or a formula of {', '.join(self.variables)}"
-        text = {"type": "string", "description": f"'{example}', {formula}"}
-        return self._or_words([number | self.bounds(), text]) | {
-            "examples": [example],
-            "unit": self.unit or "1",
-        }

@@ -15,9 +15,7 @@ from typing import Annotated, Any
 import typer
 
 from wovenfab import __version__
-from wovenfab.case import CaseError, effects_page, json_schema, published_schema
-from wovenfab.cli import check as check_command
-from wovenfab.cli import report as report_command
+from wovenfab.case import CaseError
 from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
 
 
@@ -143,7 +141,9 @@ def check(
     ] = False,
 ) -> None:
     """Validate a case and say what would be built: effects, unknowns, steps, memory."""
-    sys.exit(check_command.check_case(case, overrides or [], resolved))
+    from wovenfab.cli.check import check_case
+
+    sys.exit(check_case(case, overrides or [], resolved))
 
 
 @app.command()
@@ -219,7 +219,9 @@ def report(
     ] = False,
 ) -> None:
     """Report a run from its files alone, or compare several: pages, pictures, yarns."""
-    sys.exit(report_command.report_results(directories, output, animation))
+    from wovenfab.cli.report import report_results
+
+    sys.exit(report_results(directories, output, animation))
 
 
 @app.command()
@@ -230,6 +232,9 @@ def schema(
 ) -> None:
     """Print the JSON Schema of case files, for editors that complete and check YAML."""
     import json
+
+    from wovenfab.case import json_schema
+    from wovenfab.case.reference import effects_page, published_schema
 
     if effects:
         typer.echo(effects_page(), nl=False)

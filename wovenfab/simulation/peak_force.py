@@ -1,8 +1,8 @@
-"""The peak force of the curve between recorded steps, ``peak_force_interpolated_N``.
+"""The peak force between the recorded steps of a run.
 
-The recorded peak (``peak_force_N``, :func:`wovenfab.record.history.peak_force`) changes by chance
-from one step size to the next, in the same way with every scheme, and so hides errors of the
-steps; a study of accuracy compares the interpolated one.
+``peak_force_N`` is the recorded force of largest size (``record.history.peak_force``). It changes
+by chance from one step size to the next, in the same way with every scheme, and so hides errors
+of the steps. A study of accuracy compares the interpolated peak, ``peak_force_interpolated_N``.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wovenfab.record.history import index_of_peak
 
 Array = NDArray[np.float64]
 #: Steps through which a parabola goes, and points between two steps where two are compared.
@@ -64,7 +66,7 @@ def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) 
 
 def _largest(forces: Array) -> tuple[int, float, Array]:
     """Return which step's force is largest in size, its sign, and forces with that as plus."""
-    at = int(np.abs(forces).argmax())
+    at = index_of_peak(forces)
     sign = 1.0 if forces[at] >= 0 else -1.0
     return at, sign, sign * np.asarray(forces)
 

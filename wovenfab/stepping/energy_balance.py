@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,9 @@ from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State
-from wovenfab.stepping.time_error import StepError
+
+if TYPE_CHECKING:
+    from wovenfab.stepping.time_error import StepError
 
 Array = NDArray[np.float64]
 

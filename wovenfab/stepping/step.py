@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from wovenfab.solver.diagnosis import Diagnosis
 from wovenfab.solver.options import SolveResult
 from wovenfab.stepping.program import Milestone
 from wovenfab.stepping.stability import StabilityLoss
-from wovenfab.stepping.time_error import StepError
+
+if TYPE_CHECKING:
+    from wovenfab.solver.diagnosis import Diagnosis
+    from wovenfab.stepping.time_error import StepError
 
 
 @dataclass(frozen=True)

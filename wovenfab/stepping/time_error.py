@@ -77,13 +77,18 @@ class TimeErrorEstimator:
         """
         return min(1.0, self._tolerance if jump else sqrt(self._tolerance))
 
-    def measure(self, lack: Array, weights: Sequence[float]) -> StepError:
+    def measure(
+        self, states: Sequence[Array], steps: Sequence[float], step: float, weights: Sequence[float]
+    ) -> StepError:
         """Return the error of the step that has just been solved; collective.
 
         Args:
-            lack: What its rates lack, m/s (:func:`rate_error`).
+            states: Three earlier states, latest first, m.
+            steps: Times between those, s.
+            step: Length of the step, s.
             weights: Weights of the states in its rates, 1/s.
         """
+        lack = rate_error(self._problem.model.field.x.array, states, steps, step)
         problem, earlier = self._problem, self._problem.model.history[0]
         reactions, power = problem.reactions(), self._dissipated()
         with preserved(earlier):

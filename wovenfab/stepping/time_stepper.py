@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 from wovenfab.model.model import preserved
-from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.options import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
@@ -16,7 +16,9 @@ from wovenfab.stepping.stability import Stability, StabilityLoss, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, UnsoundSheetError
 from wovenfab.stepping.step_size import StepSizeControl
-from wovenfab.stepping.time_error import StepError, TimeErrorEstimator, rate_error
+
+if TYPE_CHECKING:
+    from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 
 logger = logging.getLogger(__name__)
 
@@ -55,6 +57,8 @@ class TimeStepper:
         self._step_size = step_size(smallest_step)
         self._time_error: TimeErrorEstimator | None = None
         if tolerance and scheme.name == "bdf2" and solver.problem.model.history:
+            from wovenfab.stepping.time_error import TimeErrorEstimator
+
             self._time_error = TimeErrorEstimator(solver, tolerance)
         self._stability = Stability(solver, treatment)
         self._state = State(solver, program, scheme, predict)
@@ -152,6 +156,8 @@ class TimeStepper:
             if saddle:
                 step_size.bisect(until, length)
             elif not step_size.reduce(length, planned):
+                from wovenfab.solver.diagnosis import diagnose
+
                 diagnosis = diagnose(self._solver, result, state.states[0])
                 displacement = self._program.displacement(until)
                 raise StepFailedError(
@@ -165,8 +171,8 @@ class TimeStepper:
         if self._time_error is None or jump or len(state.steps) < 2:
             return None
         step = until - state.time
-        lack = rate_error(self._problem.model.field.x.array, state.states, state.steps, step)
-        return self._time_error.measure(lack, self._scheme.weights(step, state.steps[0]))
+        weights = self._scheme.weights(step, state.steps[0])
+        return self._time_error.measure(state.states, state.steps, step, weights)
 
     def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
         """Set the length of the next step, and return whether this one must be repeated."""
@@ -178,6 +184,10 @@ class TimeStepper:
 
     def _check_rest(self, until: float, result: SolveResult) -> None:
         """Refuse a penalty that makes the sheet at rest unstable, whatever the solve gave."""
+        if self._problem.model.balance.penalty is None:
+            return
+        from wovenfab.solver.diagnosis import unsound_penalty
+
         field = self._problem.model.field
         with preserved(field):
             field.x.array[:] = self._state.states[0]

@@ -10,16 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from wovenfab.case import (
-    Case,
-    CaseError,
-    Cycles,
-    Rectangle,
-    Segment,
-    Table,
-    read_case,
-    refusal,
-)
+from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINGERPRINT
 from wovenfab.record.summary import SUMMARY, read_summary

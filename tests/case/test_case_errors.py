@@ -21,6 +21,10 @@ TABLE = YAML(typ="safe").load(HERE / "bad_cases.yaml")
 DATA = YAML(typ="safe").load(HERE / "example.yaml")
 
 
+def listed(says: str | list[str]) -> list[str]:
+    return [says] if isinstance(says, str) else says
+
+
 def _with_names(told: str) -> str:
     """Return a message with the names of the effects that there are now."""
     known = catalogue.effects()
@@ -35,16 +39,18 @@ def _with_names(told: str) -> str:
 def test_every_problem_is_told_with_line_and_remedy(
     row: dict[str, Any], example: str, write_case: Callable[[str], Path]
 ) -> None:
-    if "replace" in row:
-        assert row["replace"] in example
+    old, new = (
+        row["replace"]
+        if isinstance(row.get("replace"), list)
+        else (row.get("replace", ""), row.get("by", ""))
+    )
+    assert old in example
     for name, text in row.get("files", {}).items():
         Path(name).write_text(text, encoding="utf-8")
-    path = write_case(
-        row["text"] if "text" in row else example.replace(row["replace"], row["by"], 1)
-    )
+    path = write_case(row["text"] if "text" in row else example.replace(old, new, 1))
     with pytest.raises(CaseError) as caught:
         read_case(path)
-    assert str(caught.value).split("\n") == [_with_names(line) for line in row["told"]]
+    assert str(caught.value).split("\n") == [_with_names(line) for line in listed(row["says"])]
 
 
 def test_problems_of_different_sections_are_told_together(

@@ -13,7 +13,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from wovenfab.case import CaseError, json_schema, published_schema, read_case
+from wovenfab.case import CaseError, json_schema, read_case
+from wovenfab.case.reference import published_schema
 
 EXAMPLE = Path(__file__).with_name("example.yaml")
 DATA = YAML(typ="safe").load(EXAMPLE)

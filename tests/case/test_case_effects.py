@@ -1,0 +1,77 @@
+"""Which scenes make a sheet, and what they need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from forms import catalogue
+from forms.effect import Effect, Needs, Parameter
+from wovenfab.case import CaseError, SceneEffect, read_case
+from wovenfab.case.effects import Scene, Values, acting, lacking, needs_of_scene
+
+
+def scene_of(*names: str, **values: Values) -> Scene:
+    """Return a scene in which all values are one unless given."""
+    return tuple(
+        SceneEffect(effect, values.get(name, {p.name: 1.0 for p in effect.parameters}))
+        for name, effect in catalogue.effects().items()
+        if name in (*names, *values)
+    )
+
+
+def lack(scene: Scene) -> str | None:
+    """Return what a scene does not resist."""
+    found = lacking(scene, acting(scene))
+    return found[0] if found else None
+
+
+def test_an_effect_with_a_zero_resists_nothing() -> None:
+    assert lack(scene_of("stretch", "shear", "bending", "coupling")) is None
+    assert lack(scene_of("shear", stretch={"stiffness": (1.0, 0.0)})) == "stretching"
+    assert lack(scene_of("stretch", shear={"stiffness": 0.0})) == "shearing"
+    assert lack(scene_of("stretch", "shear", coupling={"stiffness": 0.0})) == "slipping"
+
+
+def test_needs_are_those_of_all_effects_together() -> None:
+    assert needs_of_scene(()) == Needs(placements=1, second_gradient=False, rate=False)
+    assert needs_of_scene(scene_of("stretch", "bending")) == Needs(1, second_gradient=True)
+    assert needs_of_scene(scene_of("bending", "coupling", "spin_friction")) == Needs(2, True, True)
+
+
+def test_bending_alone_needs_edges_that_hold_both_families(
+    example: str, write_case: Callable[[str], Path]
+) -> None:
+    text = example.replace("  shear: {stiffness: 400 N/m}\n", "")
+    assert "shear" not in read_case(write_case(text)).effects
+    text = text.replace("[45 deg, -45 deg]", "[0, 90 deg]")
+    text = text.replace("[program, 0]", "[program, free]")
+    with pytest.raises(CaseError, match="shear uniformly"):
+        read_case(write_case(text))
+
+
+def test_a_new_effect_is_a_key_without_another_edit(
+    example: str, write_case: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drag = Effect(
+        name="drag",
+        summary="Something new",
+        parameters=(Parameter("factor", "N*s/m^3", "how much", zero_allowed=False),),
+        needs=Needs(placements=2, rate=True),
+        dissipation=lambda rate, values: rate,
+        measure=lambda point: point,
+        resists=frozenset({"slipping"}),
+    )
+    known = {**catalogue.effects(), "drag": drag}
+    monkeypatch.setattr(catalogue, "effects", lambda: known)
+    old = "coupling: {stiffness: 6.0e7 N/m^3}"
+    case = read_case(write_case(example.replace(old, "drag: {factor: 3 kN*s/m^3}")))
+    assert case.effects["drag"] == {"factor": 3000.0}
+    with pytest.raises(CaseError) as caught:
+        read_case(write_case(example.replace(old, "drag: {factor: 0 N/m}")))
+    assert str(caught.value) == (
+        "case.yaml:11: effects.drag.factor: expected a value in N*s/m^3 such as '1 N*s/m^3', "
+        "got 'N/m'."
+    )

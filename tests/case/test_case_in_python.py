@@ -1,0 +1,130 @@
+"""Cases that are built in Python, and cases that are changed."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wovenfab.case import (
+    Case,
+    CaseError,
+    Cycles,
+    Discretisation,
+    EdgeCondition,
+    Hold,
+    Ramp,
+    Rectangle,
+    SheetFile,
+    Table,
+    Time,
+    read_case,
+)
+
+WriteCase = Callable[[str], Path]
+#: What example.yaml says.
+SECTIONS: dict[str, Any] = {
+    "title": "Bias extension",
+    "sheet": {"length": "0.90 m", "width": 0.3, "fibres": ["45 deg", "-45 deg"]},
+    "effects": {"stretch": {"stiffness": "1.27e8 N/m"}, "shear": {"stiffness": "400 N/m"}},
+    "boundary": {"left": "clamp", "right": {"displacement": ["program", 0]}},
+    "program": {"type": "cycles", "amplitudes": ["20 mm", "40 mm"], "max_velocity": "0.5 m/s"},
+}
+
+
+def _refusal(**sections: Any) -> list[str]:
+    with pytest.raises(CaseError) as caught:
+        Case(**SECTIONS | sections)
+    return str(caught.value).split("\n")
+
+
+@pytest.mark.parametrize(
+    "sections",
+    [
+        {},
+        {"sheet": Rectangle(length="0.9 m", width=0.3, fibres=("45 deg", "-45 deg"))},
+        {"program": Cycles(amplitudes=("20 mm", 0.04), max_velocity="0.5 m/s")},
+        {"program": (Cycles(amplitudes=["20 mm", "40 mm"], max_velocity=0.5),)},
+        {"boundary": {"left": EdgeCondition(clamp="placement"),
+                      "right": (EdgeCondition(displacement=("program", 0)),)}},
+        {"time": Time(), "discretisation": Discretisation(degree=3)},
+    ],
+)  # fmt: skip
+def test_sections_are_mappings_or_objects(sections: dict[str, Any], write_case: WriteCase) -> None:
+    case = Case(**SECTIONS | sections)
+    assert (case.name, case.path, case.overrides) == ("case", None, ())
+    assert case == read_case(write_case(case.to_yaml()))
+    assert case.discretisation.mesh_size == pytest.approx(0.075)
+    assert case.output.fields == ("displacement", "shear_angle", "stretch")
+    assert pickle.loads(pickle.dumps(case)) == case
+
+
+def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: WriteCase) -> None:
+    (tmp_path / "u.csv").write_text("time_s,displacement_m\n0,0\n1,1e-3\n")
+    (tmp_path / "sheet.geo").write_text("")
+    sheet = SheetFile(file="sheet.geo", fibres=("45 deg", "-45 deg"))
+    case = Case(**SECTIONS | {"sheet": sheet, "program": [Table(file="u.csv")]})
+    assert case.sheet.file == tmp_path / "sheet.geo"
+    assert case.program[0].samples.displacements == (0.0, 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("sections", "messages"),
+    [
+        ({"sheet": {"length": "3 s"}}, [
+            "sheet.length: expected a length such as '40 mm', got 's'.",
+            "sheet.width: missing. For example 'width: 0.30 m'.",
+            "sheet.fibres: missing. For example 'fibres: [45 deg, -45 deg]'."]),
+        ({"time": {"scheme": "bdf3"}, "titel": ""}, [
+            "time.scheme: expected 'bdf2', 'backward-euler' or 'midpoint', got 'bdf3'. "
+            "Did you mean 'bdf2'?", "titel: unknown key. Did you mean 'title'?"]),
+        ({"boundary": {"lft": "clamp"}}, [
+            "boundary.lft: unknown edge. Did you mean 'left'? The edges are left, right, bottom, "
+            "top.",
+            "boundary: the held edges leave the sheet free to move along x. Clamp an edge, as in "
+            "'left: clamp'.",
+            "program: no edge uses the program. For example 'right: {displacement: [program, 0]}' "
+            "in boundary."]),
+        ({"discretisation": Discretisation(mesh_size="1 m")}, [
+            "discretisation.mesh_size: is larger than the shorter side, 0.3 m."]),
+        ({"program": [Hold(duration=1), Ramp(to=0)]}, [
+            "program.1.to: the displacement is 0 m already. Use {type: hold} to wait."]),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_named_by_its_key(sections: dict[str, Any], messages: list[str]) -> None:
+    assert _refusal(**sections) == messages
+
+
+def test_a_section_alone_is_checked_like_one_of_a_case() -> None:
+    with pytest.raises(CaseError) as caught:
+        Rectangle(length="0 m", widht=1, fibres=(0, 1))
+    assert repr(caught.value) == (
+        "CaseError(\"length: must be positive, got '0 m'.\\n"
+        "widht: unknown key. Did you mean 'width'?\")"
+    )
+
+
+def test_a_case_and_its_sections_are_shown_in_short() -> None:
+    case = Case(**SECTIONS)
+    assert repr(case) == (
+        "<Case case: 0.9 m x 0.3 m; effects shear, stretch; edges left, right; program cycles>"
+    )
+    assert repr(Ramp(to="1 m")) == "Ramp(type='ramp', to=1.0, steps=20)"
+
+
+def test_a_changed_case_is_checked_again_and_keeps_its_origin(
+    example: str, write_case: WriteCase
+) -> None:
+    path = write_case(example)
+    case = read_case(str(path), {"effects.shear.stiffness": "500 N/m", "output.every": 2})
+    assert case.overrides == ("effects.shear.stiffness=500 N/m", "output.every=2")
+    other = case.changed("output.every=3", {"program.amplitudes": ["30 mm"]})
+    assert (other.path, other.output.every, other.program[0].amplitudes) == (path, 3, (0.03,))
+    assert other == read_case(path, other.overrides)
+    assert case.data["output"]["every"] == 2
+    with pytest.raises(CaseError, match=r"^--set time.scheme: expected"):
+        case.changed({"time.scheme": "x"})
+    assert Case(**SECTIONS).changed("sheet.length=2 m").sheet.length == 2
