@@ -23,13 +23,13 @@ SECTIONS: Mapping[str, Section] = {
 }
 
 
-def main(wanted: Sequence[str], sections: Mapping[str, Section] = SECTIONS) -> int:
-    """Measure the wanted sections, or all, and return the exit code."""
-    if unknown := [name for name in wanted if name not in sections]:
+def main(names: Sequence[str], sections: Mapping[str, Section] = SECTIONS) -> int:
+    """Measure the named sections, or all, and return the exit code."""
+    if unknown := [name for name in names if name not in sections]:
         print(f"there is no section {unknown[0]!r}; there are {', '.join(sections)}")
         return 2
     figures: list[Figure] = []
-    for name in wanted or sections:
+    for name in names or sections:
         print(f"== {name}", flush=True)
         figures += sections[name]()
     print("== figures", *figures, sep="\n")

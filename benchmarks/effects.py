@@ -11,7 +11,7 @@ from benchmarks.figure import Figure
 from forms.effect import Needs
 from wovenfab.case import read_case
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.study.effects import Cost, line, markdown, measure, reader, study
+from wovenfab.study.effects import Cost, line, measure, printed, study, with_effects
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 CASE, ELASTIC = CONFIGS / "bias-1x3.yaml", CONFIGS / "elastic-1x3.yaml"
@@ -21,14 +21,15 @@ SIZE = ("program.amplitudes=40mm", "time.steps_per_cycle=20")
 def cost_of_effects() -> list[Figure]:
     """Print the table of costs; return what one placement and no second gradient save."""
     case = read_case(CASE, SIZE)
-    read, sheet = reader(case), sheet_of(case, MPI.COMM_WORLD)
+    sheet = sheet_of(case, MPI.COMM_WORLD)
     needs = {e.name: e.effect.needs for e in case.scene}
 
     def only(keep: Callable[[Needs], bool]) -> Cost:
-        return measure(read([name for name, n in needs.items() if keep(n)]), sheet)
+        names = [name for name, n in needs.items() if keep(n)]
+        return measure(with_effects(case, names), sheet)
 
-    rows = study(tuple(needs), read, MPI.COMM_WORLD, lambda row: print(line(row), flush=True))
-    print(f"\n{markdown(rows)}", flush=True)
+    rows = study(case, MPI.COMM_WORLD, lambda row: print(line(row), flush=True))
+    print(f"\n{printed(rows)}", flush=True)
     # What is compared is measured side by side, since machines change their speed.
     whole, smooth = only(lambda n: True), only(lambda n: not n.second_gradient)
     coupled, bonded = _tied(None), _tied("null")

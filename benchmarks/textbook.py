@@ -3,7 +3,7 @@
 Textbook: continuous quadratic elements on a uniform mesh, backward Euler with fixed steps,
 plain Newton from the last state, LU. Its errors in space and in time are measured apart and
 follow power laws, and so does its time; from these follows the cheapest mesh and step of a
-wanted accuracy, where the magnitudes of both errors add up, since nobody can count on their
+target accuracy, where the magnitudes of both errors add up, since nobody can count on their
 different signs. Times beyond the measured sizes are extrapolated by the laws.
 """
 
@@ -34,8 +34,8 @@ TEXTBOOK = (
 SIZES, STEPS = (100.0, 50.0, 37.5, 25.0), 40
 FINE, MANY = ("discretisation.degree=4", "discretisation.mesh_size=50mm"), 320
 COARSE = ("discretisation.degree=4", "discretisation.mesh_size=100mm")
-#: Wanted accuracy, least ratio, and our settings.
-WANTED = (
+#: Target accuracy, least ratio, and our settings.
+TARGETS = (
     (0.01, 100.0, (*COARSE, "time.steps_per_cycle=40")),
     (
         0.002,
@@ -118,7 +118,7 @@ def textbook() -> list[Figure]:
         f"time of a step N^{step.power:.2f}"
     )
     figures = []
-    for accuracy, least, settings in WANTED:
+    for accuracy, least, settings in TARGETS:
         ours = _run(*settings)
         errors = np.abs(_values(ours) / exact - 1)
         size, steps, seconds = cheapest(

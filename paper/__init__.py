@@ -1,1 +1,1 @@
-"""The figures and claims of the paper, computed anew with parameters that are told."""
+"""The figures and claims of the paper, computed anew with parameters that are stated."""

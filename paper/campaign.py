@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from paper.field import Field, field_at_largest
-from paper.loop import Loop, loops_of
+from paper.measures import Field, Loop, field_at_largest, loops_of
 from wovenfab.case import Case
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import read_summary
@@ -110,10 +109,10 @@ def campaign_of(folder: Path, overrides: Sequence[str] = ()) -> Campaign:
 def _swept(path: Path, overrides: Sequence[str]) -> list[Member]:
     """Return the members of a sweep file, the name of their case in that of each."""
     file = read_sweep_file(path)
-    found = members_of(file.cases, file.variations, overrides)
+    members = members_of(file.cases, file.variations, overrides)
     if len(file.cases) > 1:
-        return found
-    return [replace(member, label=f"{member.case.name}: {member.label}") for member in found]
+        return members
+    return [replace(member, label=f"{member.case.name}: {member.label}") for member in members]
 
 
 def _steeper(members: Sequence[Member]) -> tuple[Steeper, ...]:

@@ -85,22 +85,22 @@ def effect(name: str) -> Effect:
 
 
 def solver(
-    of: Model, grips: Sequence[Grip] = PULL, controls: SolverOptions | None = None
+    of: Model, grips: Sequence[Grip] = PULL, options: SolverOptions | None = None
 ) -> EquilibriumSolver:
     """Return the solver of a model."""
     constraints = Constraints(of.placements, of.sheet, grips)
-    return EquilibriumSolver(Problem(of, constraints), controls or SolverOptions())
+    return EquilibriumSolver(Problem(of, constraints), options or SolverOptions())
 
 
 def force(
-    of: Model, grips: Sequence[Grip], displacement: float, controls: SolverOptions | None = None
+    of: Model, grips: Sequence[Grip], displacement: float, options: SolverOptions | None = None
 ) -> dict[str, tuple[float, float]]:
     """Return the reactions (N) after one elastic step from rest."""
-    equilibrium = solver(of, grips, controls)
+    equilibrium = solver(of, grips, options)
     constraints = equilibrium.problem.constraints
     constraints.set(displacement)
-    outcome = equilibrium.solve()
-    assert outcome.converged, outcome
+    result = equilibrium.solve()
+    assert result.converged, result
     reactions = constraints.reactions(equilibrium.problem.force)
     equilibrium.destroy()
     return reactions
@@ -111,7 +111,7 @@ def march(
     program: Program,
     scheme: str = "backward-euler",
     grips: Sequence[Grip] = PULL,
-    controls: SolverOptions | None = None,
+    options: SolverOptions | None = None,
     smallest_step: float = 1 / 64,
     look: Callable[[Step], None] = lambda step: None,
 ) -> list[Step]:
@@ -120,7 +120,7 @@ def march(
     ``look`` is called after each, with the field set to its state.
     """
     of.field.x.array[:] = 0
-    equilibrium = solver(of, grips, controls)
+    equilibrium = solver(of, grips, options)
     marching = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step)
     steps = []
     for step in marching.steps():

@@ -11,26 +11,30 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
+from wovenfab.record.results import open_results, require_free
 from wovenfab.record.summary import read_summary
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.progress import Progress, Stopwatch
+from wovenfab.simulation.run import Columns, run
+from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 
 if TYPE_CHECKING:
     from dolfinx import fem
-    from mpi4py import MPI
 
     from wovenfab.record.fields import StoredFields
-    from wovenfab.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
 __all__ = [
@@ -165,6 +169,91 @@ class SolvedStep(Step):
         return interpolated(self.simulation.model, name)
 
 
+@dataclass(frozen=True)
+class Listener:
+    """Who is told what happens; called on every rank.
+
+    Attributes:
+        say: Gets messages.
+        progress: Gets the progress.
+    """
+
+    say: Callable[[str], None] = lambda text: None
+    progress: Callable[[Progress], None] = lambda now: None
+
+
+@dataclass(frozen=True)
+class Execution:
+    """What an execution gave.
+
+    Attributes:
+        case: What was run: with the elements and steps that were chosen for an accuracy.
+        outcome: How it ended.
+        columns: The history.
+        summary: What ``summary.json`` has.
+    """
+
+    case: Case
+    outcome: Outcome
+    columns: Columns
+    summary: Mapping[str, Any]
+
+
+def execute(
+    case: Case,
+    directory: Path | None,
+    overwrite: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+    listener: Listener | None = None,
+    watch: Stopwatch | None = None,
+) -> Execution:
+    """Run a case; collective.
+
+    Args:
+        case: The case.
+        directory: Where results are written; None for a run in memory.
+        overwrite: Replace the results of an earlier run there.
+        comm: The ranks.
+        listener: Who is told what happens.
+        watch: Gets the wall times of the phases.
+
+    Raises:
+        CaseError: If the geometry or an effect of the case cannot be used.
+        ResultsExistError: If the directory has results that must not be replaced.
+        OSError: If the directory cannot be written.
+    """
+    listener, watch = listener or Listener(), watch or Stopwatch()
+    if directory is not None:
+        require_free(directory, overwrite, comm)
+    with watch.phase("mesh"):
+        sheet = sheet_of(case, comm)
+    progress, planned, accuracy = listener.progress, None, case.accuracy
+    if accuracy is not None:
+        from wovenfab.study.target_accuracy.choice import choose
+
+        with watch.phase("pilot"):
+            planned = choose(case, sheet, listener.say, lambda text: progress(Progress(text)))
+        case, sheet = planned.case, planned.sheet
+    progress(Progress("compiling the effects"))
+    with watch.phase("compile"):
+        simulation = Simulation(case, sheet)
+    with simulation:
+        if directory is not None:
+            open_results(directory, overwrite, comm)
+        outcome, columns, summary = run(simulation, directory, progress, watch)
+    if planned is not None and accuracy is not None:
+        from wovenfab.study.target_accuracy.choice import report_errors
+
+        summary = report_errors(planned, accuracy, summary, directory, listener.say)
+    if directory is not None and case.output.pictures:
+        from wovenfab.report import draw_in_subprocess
+
+        warning = draw_in_subprocess(directory, comm).warning
+        if warning is not None:
+            listener.say(f"warning: {warning}")
+    return Execution(case, outcome, columns, summary)
+
+
 def simulate(
     case: Case | str | Path,
     directory: str | Path | None = None,
@@ -189,14 +278,10 @@ def simulate(
         ResultsExistError: If the directory has results.
         OSError: If the directory cannot be written.
     """
-    from mpi4py import MPI
-
-    from wovenfab.execution import execute
-
     chosen = read_case(case) if isinstance(case, str | Path) else case
     place = None if directory is None else Path(directory)
-    run = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
-    return Run(run.case, History(run.columns), run.summary, place)
+    done = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
+    return Run(done.case, History(done.columns), done.summary, place)
 
 
 def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[SolvedStep]:
@@ -211,11 +296,6 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
-    from mpi4py import MPI
-
-    from wovenfab.simulation.from_case import sheet_of
-    from wovenfab.simulation.simulation import Simulation
-
     chosen = read_case(case) if isinstance(case, str | Path) else case
     sheet = sheet_of(chosen, comm or MPI.COMM_WORLD)
     with Simulation(chosen, sheet) as simulation:

@@ -41,7 +41,7 @@ CASES: Mapping[str, Setting] = {
         "sheet.length=600 mm", "program.to=200 mm", "program.steps=6", "solver.max_iterations=5"
     ),
 }
-#: Shares of the yarns' stiffness with which a continuation comes to the whole.
+#: Shares of the yarns' stiffness with which a continuation comes to the full one.
 SOFTENED = (1e-3, 1e-2, 1e-1, 1.0)
 
 
@@ -149,7 +149,7 @@ class TrustRegion(Counted):
         """Move the grips by Newton's method and go on with a trust region."""
         snes = self.newton.snes
         snes.setType("newtonls")
-        snes.setTolerances(max_it=self._options.max_iterations)
+        snes.setTolerances(max_it=self.newton.controls.max_iterations)
         first = super().solve()
         if not first.converged:
             return first
@@ -172,7 +172,7 @@ class Halving(StepSizeControl):
     """Halves a step that fails, without memory of earlier steps."""
 
     def __init__(self, smallest: float) -> None:
-        """Begin with whole steps."""
+        """Start with planned steps."""
         super().__init__(smallest)
         self._targets: list[float] = []
         self._now = 0.0
@@ -225,7 +225,6 @@ def _tally(measurement: Measurement) -> Tally:
     equilibrium = measurement.equilibrium
     assert isinstance(equilibrium, Counted)
     force = float(measurement.force[-1]) if measurement.end == "finished" else None
-    measurement.destroy()
     return Tally(equilibrium.solves, equilibrium.iterations, force)
 
 
@@ -240,12 +239,12 @@ def _continued(setting: Setting) -> Tally:
     assert isinstance(equilibrium, Counted)
     stretches = [t for t in model.balance.terms if "stretching" in t.effect.resists]
     stiff = [k for t in stretches for k in t.values["stiffness"]]
-    whole = [float(k.value) for k in stiff]
+    full = [float(k.value) for k in stiff]
     force = None
     for step in range(1, program.steps + 1):  # type: ignore[union-attr]
         measurement.constraints.set(program.to * step / program.steps)  # type: ignore[union-attr]
         for share in SOFTENED:
-            for k, value in zip(stiff, whole, strict=True):
+            for k, value in zip(stiff, full, strict=True):
                 k.value = share * value
             model.last.x.array[:] = model.field.x.array
             if not equilibrium.solve().converged:

@@ -30,14 +30,14 @@ class Coercivity:
 
     def __init__(self, model: Model) -> None:
         """Compile form and norm with the same stiffness for all fibres."""
-        self._form, self._norm = (compile_form(_quadratic(model, kept)) for kept in (True, False))
+        self._form, self._norm = (compile_form(_quadratic(model, full)) for full in (True, False))
 
     def least(self) -> float:
         """Return the smallest generalised eigenvalue; positive if coercive. Serial."""
         form, norm = (_dense(f) for f in (self._form, self._norm))
         sizes, directions = eigh(norm)
-        kept = sizes > FREE * sizes.max()
-        basis = directions[:, kept] / np.sqrt(sizes[kept])
+        bending = sizes > FREE * sizes.max()
+        basis = directions[:, bending] / np.sqrt(sizes[bending])
         return float(eigh(basis.T @ form @ basis, eigvals_only=True)[0])
 
 

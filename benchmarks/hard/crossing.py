@@ -36,8 +36,8 @@ def exact_crossing(f: NDArray[np.float64], df: NDArray[np.float64]) -> float:
     with localcontext() as context:
         context.prec = DIGITS
         root = _decimal(discriminant).sqrt()
-        found = [(-_decimal(b) + sign * root) / _decimal(2 * a) for sign in (1, -1)]
-        return float(min((x for x in found if x > 0), default=Decimal("Infinity")))
+        roots = [(-_decimal(b) + sign * root) / _decimal(2 * a) for sign in (1, -1)]
+        return float(min((x for x in roots if x > 0), default=Decimal("Infinity")))
 
 
 def _cross(a: list[Fraction], b: list[Fraction]) -> Fraction:

@@ -1,4 +1,4 @@
-"""One case marched to its end, with the figures of the suite."""
+"""One case stepped to its end, with the figures of the suite."""
 
 from __future__ import annotations
 
@@ -75,24 +75,25 @@ class Measurement:
         return self.equilibrium.problem.constraints
 
     def run(self, *observers: Observer) -> Measurement:
-        """Go through the program; collective."""
-        seen, crossing = [np.inf], self.equilibrium.crossing
+        """Go through the program and free the PETSc objects; collective."""
+        margins, crossing = [np.inf], self.equilibrium.crossing
 
         def monitor(snes: Any, *_: Any) -> None:
             self.equilibrium.problem.load(snes.getSolution())
-            seen.append(crossing.margin())
+            margins.append(crossing.margin())
 
         self.equilibrium.newton.snes.setMonitor(monitor)
 
         def record(step: Step) -> None:
-            seen.append(crossing.margin())
+            margins.append(crossing.margin())
             self.steps.append(step)
-            self.margins.append(min(seen))
+            self.margins.append(min(margins))
 
-        failure = self.simulation.run(record, *observers).failure
+        with self.simulation:
+            failure = self.simulation.run(record, *observers).failure
         if failure is not None:
             self.end, self.loss = str(failure), getattr(failure, "loss", None)
-        self.margins[-1] = min(seen)
+        self.margins[-1] = min(margins)
         return self
 
     @property
@@ -134,14 +135,9 @@ class Measurement:
 
 def measured(setting: Setting) -> Figures:
     """Run a setting and return its figures; collective."""
-    measurement = Measurement(setting).run()
-    figures = measurement.figures()
-    measurement.destroy()
-    return figures
+    return Measurement(setting).run().figures()
 
 
 def last_force(setting: Setting) -> float:
     """Return the force (N) at the end of a setting's program; collective."""
-    measurement = Measurement(setting).run()
-    measurement.destroy()
-    return float(measurement.force[-1])
+    return float(Measurement(setting).run().force[-1])

@@ -130,7 +130,7 @@ class Picture:
 
     Attributes:
         path: Its file.
-        origin: What made the figures, which the file tells.
+        origin: What made the figures; it is written into the file.
     """
 
     path: Path
@@ -173,9 +173,9 @@ class Row:
     def small(self) -> Row:
         """Return the quick version."""
         new = {bound.figure for bound in self.quick_bounds}
-        kept = tuple(bound for bound in self.bounds if bound.figure not in new)
+        others = tuple(bound for bound in self.bounds if bound.figure not in new)
         return replace(
-            self, setting=self.setting.but(*self.quick), bounds=(*kept, *self.quick_bounds)
+            self, setting=self.setting.but(*self.quick), bounds=(*others, *self.quick_bounds)
         )
 
     def with_solver(self, solver: type[EquilibriumSolver]) -> Row:
@@ -194,7 +194,7 @@ class Family:
     Attributes:
         number: Its place on the page.
         title: Heading.
-        text: What is asked and what was found, in Markdown.
+        text: The question and its answer, in Markdown.
         rows: The cases.
         draw: Draws the picture of the figures by row.
     """
@@ -208,16 +208,16 @@ class Family:
 
 def problems(row: Row, figures: Figures) -> list[str]:
     """Return what keeps a row from passing; empty if nothing does."""
-    found = []
+    missed = []
     if row.stops is None and figures.end != "finished":
-        found.append(f"stopped: {figures.end}")
+        missed.append(f"stopped: {figures.end}")
     if row.stops is not None and row.stops not in figures.end:
-        found.append(
+        missed.append(
             "finished, but should have stopped"
             if figures.end == "finished"
             else f"stopped, but for another reason: {figures.end}"
         )
-    return found + [text for bound in row.bounds if (text := bound.problem(figures))]
+    return missed + [text for bound in row.bounds if (text := bound.problem(figures))]
 
 
 def is_good(row: Row, figures: Figures | None) -> bool:
@@ -235,8 +235,8 @@ def verdict(row: Row, figures: Figures | None, failure: str = "") -> str:
     """
     if figures is None:
         return f"**failed**: {failure}"
-    if found := problems(row, figures):
-        return "**failed**: " + "; ".join(found)
+    if missed := problems(row, figures):
+        return "**failed**: " + "; ".join(missed)
     shown = [
         f"{bound.figure} {figures.figure(bound.figure):.2g}"
         for bound in row.bounds

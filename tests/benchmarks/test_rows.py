@@ -8,7 +8,8 @@ import pytest
 from mpi4py import MPI
 
 from benchmarks.hard.families import families
-from benchmarks.hard.row import Row, problems
+from benchmarks.hard.measurement import Measurement
+from benchmarks.hard.row import Row, Setting, problems
 
 ROWS = [row.small() for family in families() for row in family.rows]
 
@@ -28,6 +29,17 @@ def test_a_hard_case_passes_or_stops_where_it_should(row: Row) -> None:
 def test_a_hard_case_on_ranks_passes(row: Row) -> None:
     figures = MPI.COMM_WORLD.bcast(row.run())  # the first rank has them
     assert problems(row, figures) == []
+
+
+def test_steps_of_a_hard_case_adapt_to_its_tolerance() -> None:
+    coarse = ("program.amplitudes=[20 mm]", "time.steps_per_cycle=8", "discretisation.degree=2")
+    setting = Setting("bias-1x3", (*coarse, "discretisation.mesh_size=300 mm"))
+    counts = []
+    for tolerance in ("null", "0.05", "0.01"):
+        measurement = Measurement(setting.but(f"time.tolerance={tolerance}")).run()
+        counts.append(len(measurement.steps) - 1)
+        measurement.destroy()
+    assert 8 == counts[0] < counts[1] < counts[2]
 
 
 def test_names_and_numbers_are_used_once() -> None:

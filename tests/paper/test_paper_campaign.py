@@ -12,12 +12,10 @@ import numpy as np
 import pytest
 
 from paper.campaign import Results, campaign_of
-from paper.claim import Claim
-from paper.claims import claims, evenness
+from paper.claims import Claim, claims, evenness
 from paper.elements import compare, finding
-from paper.elements_page import ERRORS, LOOPS, YARNS
 from paper.figures import CYCLE, FIGURES
-from paper.page import page
+from paper.page import ERRORS, LOOPS, YARNS, page
 from wovenfab.report.style import read_provenance
 from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep

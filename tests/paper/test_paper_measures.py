@@ -7,11 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from paper.across import profile
-from paper.claim import Claim, above, between, digits, falling
-from paper.claims import sheared_zone
-from paper.field import Field, likeness
-from paper.loop import Loop, loops_of
+from paper.claims import Claim, above, between, digits, falling, sheared_zone
+from paper.measures import Field, Loop, likeness, loops_of, profile
 from tests.report.sample import LENGTH, SLIP, WIDTH, make
 from wovenfab.case import Rectangle
 

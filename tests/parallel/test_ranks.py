@@ -73,12 +73,12 @@ def compare(
     program: Program,
     scheme: str,
     values: Mapping[str, Any] = scenes.TABLE_1,
-    controls: SolverOptions | None = None,
+    options: SolverOptions | None = None,
 ) -> None:
     """Assert that all ranks together and each alone march through the same states."""
     models = [scenes.model(place(comm), names, numerics, values) for comm in (COMM, ALONE)]
     assert models[0].unknowns == models[1].unknowns
-    together, alone = (scenes.march(m, program, scheme, controls=controls) for m in models)
+    together, alone = (scenes.march(m, program, scheme, options=options) for m in models)
     assert [s.iterations for s in together] == [s.iterations for s in alone]
     assert [s.time for s in together] == [s.time for s in alone]
     peak = max(abs(f) for s in alone for f in s.reactions["right"])
@@ -104,7 +104,7 @@ def test_factors_that_are_kept_lead_to_the_same_loop(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
     program = program_of(cycle(0.0, 0.04, 0.25, 20))
     keep, history = SolverOptions(keep_from=0.0), scenes.PROTOTYPE_TWO_STEPS
-    compare(structured, SLIDING, history, program, "bdf2", controls=keep)
+    compare(structured, SLIDING, history, program, "bdf2", options=keep)
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, SLIDING], ids=["one", "two placements"])
@@ -126,8 +126,8 @@ def test_displacements_by_a_formula_are_attained_on_every_rank() -> None:
     """Ranks round the position of a node that they share differently: its owner's value counts."""
     case = read_case(CONFIGS / "picture-frame.yaml", ["program.to=7.5 mm", "program.steps=1"])
     with Simulation(case, sheet_of(case, COMM)) as simulation:
-        outcome = simulation.run()
-        assert outcome.failure is None and outcome.cutbacks == 0
+        result = simulation.run()
+        assert result.failure is None and result.cutbacks == 0
         assert not simulation.solver.problem.constraints.unmet(simulation.model.field)
 
 
@@ -221,10 +221,10 @@ def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
     assert other == pytest.approx(as_built, rel=1e-9, abs=1e-12 * np.abs(as_built).max())
 
 
-def failed(program: Program, controls: SolverOptions) -> tuple[int, str, bool]:
+def failed(program: Program, options: SolverOptions) -> tuple[int, str, bool]:
     """Return accepted steps, the failure's message and whether the field was restored."""
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.075), scenes.BONDED, scenes.PROTOTYPE)
-    equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, options=options)
     march = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], 0.4)
     accepted, last = 0, np.zeros(0)
     with pytest.raises(StepFailedError) as failure:

@@ -91,7 +91,7 @@ def bonded() -> Model:
 def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
     model = bonded()
     equilibrium = scenes.solver(model)
-    barrier, random = equilibrium.crossing, np.random.default_rng(42)
+    crossing, random = equilibrium.crossing, np.random.default_rng(42)
     x = model.field.x.petsc_vec.duplicate()
     y = x.duplicate()
     shortened, outside = 0, 0
@@ -99,15 +99,15 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
         while True:  # an admissible state, the harder the better
             size = 0.05 * random.uniform()
             model.field.x.array[:] = size * random.standard_normal(model.field.x.array.size)
-            if barrier.margin() > 1e-6:
+            if crossing.margin() > 1e-6:
                 break
         x.array_w[:] = model.field.x.array
         y.array_w[:] = 10 ** random.uniform(-3, 1) * random.standard_normal(x.getSize())
         model.field.x.array[:] = x.array_r - y.array_r
-        outside += barrier.margin() < 0
+        outside += crossing.margin() < 0
         shortened += equilibrium.newton.limit_step(x, y)
         model.field.x.array[:] = x.array_r - y.array_r
-        assert barrier.margin() > 0
+        assert crossing.margin() > 0
     assert shortened > 100
     assert outside > 100
     x.destroy()
@@ -123,10 +123,10 @@ def visited(displacement: float, size: float) -> tuple[list[float], bool]:
     margins = []
     equilibrium.newton.snes.setMonitor(lambda *_: margins.append(equilibrium.crossing.margin()))
     constraints.set(displacement)
-    outcome = equilibrium.solve()
+    result = equilibrium.solve()
     margins.append(equilibrium.crossing.margin())
     equilibrium.destroy()
-    return margins, outcome.converged
+    return margins, result.converged
 
 
 @pytest.mark.parametrize("displacement", [0.13, 0.2, 0.3])

@@ -27,12 +27,12 @@ SHORT = 0.6
 
 
 def failure(
-    model: Model, displacement: float, steps: int = 1, controls: SolverOptions | None = None,
+    model: Model, displacement: float, steps: int = 1, options: SolverOptions | None = None,
     smallest: float = 1 / 8, grips: tuple[Grip, ...] = scenes.PULL,
 ) -> StepFailedError:  # fmt: skip
     """Return how a pull fails."""
     model.field.x.array[:] = 0
-    equilibrium = scenes.solver(model, grips, controls)
+    equilibrium = scenes.solver(model, grips, options)
     program = program_of([ramp(0.0, displacement, 1.0, steps)])
     march = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], smallest)
     with pytest.raises(StepFailedError) as caught:
@@ -67,7 +67,7 @@ def test_an_effect_that_gives_no_number_is_named_and_so_is_where() -> None:
     error = failure(model, 0.3, steps=8)
     found = error.diagnosis
     assert "the energy of own is not a number" in found.cause
-    assert error.outcome.reason == "DIVERGED_FNORM_NAN"
+    assert error.result.reason == "DIVERGED_FNORM_NAN"
     assert 0.002 < found.place.stretches[0] < 0.02  # of 1 % at the points of the cells
     assert np.isfinite(model.field.x.array).all()
 
@@ -123,8 +123,8 @@ def diagnosis_of(model: Model, reason: str) -> Diagnosis:
     """Return what is said of a state if a solve that began there had failed."""
     equilibrium = scenes.solver(model)
     state = model.field.x.array.copy()
-    outcome = SolveResult(False, reason, 25, 1.0)
-    found = diagnose(equilibrium, outcome, state)
+    result = SolveResult(False, reason, 25, 1.0)
+    found = diagnose(equilibrium, result, state)
     equilibrium.destroy()
     return found
 
@@ -143,8 +143,8 @@ def test_a_factorisation_that_fails_on_a_sound_sheet_is_named() -> None:
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
     # The block form of a Cholesky factor judges no single pivot; an LU factor does.
     options = {"pc_type": "lu", "pc_factor_mat_solver_type": "petsc", "pc_factor_zeropivot": 1e30}
-    error = failure(model, 0.01, controls=SolverOptions(options=options))
-    assert error.outcome.reason == "DIVERGED_LINEAR_SOLVE"
+    error = failure(model, 0.01, options=SolverOptions(options=options))
+    assert error.result.reason == "DIVERGED_LINEAR_SOLVE"
     assert "factorisation failed" in error.diagnosis.cause
 
 

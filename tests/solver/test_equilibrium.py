@@ -27,15 +27,15 @@ def bonded(numerics: Numerics, mesh_size: float = 0.05) -> Model:
 
 
 def one_step(
-    model: Model, displacement: float, controls: SolverOptions | None = None
+    model: Model, displacement: float, options: SolverOptions | None = None
 ) -> tuple[SolveResult, dict[str, tuple[float, float]]]:
-    equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, options=options)
     constraints = equilibrium.problem.constraints
     constraints.set(displacement)
-    outcome = equilibrium.solve()
+    result = equilibrium.solve()
     reactions = constraints.reactions(equilibrium.problem.force)
     equilibrium.destroy()
-    return outcome, reactions
+    return result, reactions
 
 
 @pytest.mark.parametrize("numerics", [scenes.PROTOTYPE, CUBIC], ids=["P2", "P3"])
@@ -43,10 +43,10 @@ def one_step(
 def test_a_large_pull_from_rest_in_one_step_takes_at_most_ten_iterations(
     numerics: Numerics, mesh_size: float
 ) -> None:
-    outcome, _ = one_step(bonded(numerics, mesh_size), LARGE)
-    print(f"\nP{numerics.degree}, h = {1e3 * mesh_size:g} mm: {outcome.iterations} iterations")
-    assert outcome.converged
-    assert outcome.iterations <= 10
+    result, _ = one_step(bonded(numerics, mesh_size), LARGE)
+    print(f"\nP{numerics.degree}, h = {1e3 * mesh_size:g} mm: {result.iterations} iterations")
+    assert result.converged
+    assert result.iterations <= 10
 
 
 def test_the_plain_tangent_needs_more_iterations_for_the_same_solution() -> None:
@@ -66,8 +66,8 @@ def test_a_small_step_from_rest_converges_in_spite_of_round_off(
     names: tuple[str, ...], displacement: float
 ) -> None:
     model = scenes.model(scenes.sheet(fibres=(0.3, -0.9)), names, scenes.PROTOTYPE)
-    outcome, reactions = one_step(model, displacement)
-    assert outcome.converged and outcome.iterations <= 5
+    result, reactions = one_step(model, displacement)
+    assert result.converged and result.iterations <= 5
     stiffness = one_step(model, 1e-6)[1]["right"][0] / 1e-6
     tolerance = 1e-2 if displacement > 1e-4 else 1e-4
     assert reactions["right"][0] == pytest.approx(
@@ -89,13 +89,13 @@ def test_convergence_is_judged_by_the_forces_of_the_state_not_of_the_way_there()
     constraints = equilibrium.problem.constraints
     for deflection in (0.3, 0.5):
         constraints.set(deflection)
-        outcome = equilibrium.solve()
-        assert outcome.converged
-        assert outcome.residual < 1e-6 * np.linalg.norm(equilibrium.problem.force)
+        result = equilibrium.solve()
+        assert result.converged
+        assert result.residual < 1e-6 * np.linalg.norm(equilibrium.problem.force)
     equilibrium.destroy()
 
 
-def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> None:
+def test_iterates_lower_the_potential_once_the_prescribed_placements_are_attained() -> None:
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.05), scenes.BONDED, scenes.PROTOTYPE)
     equilibrium = scenes.solver(model)
     constraints = equilibrium.problem.constraints
@@ -116,7 +116,7 @@ def test_iterates_never_raise_the_potential_once_the_grips_are_in_place() -> Non
 def test_two_live_solvers_have_petsc_options_of_their_own() -> None:
     model, before = bonded(scenes.PROTOTYPE, 0.15), PETSc.Options().getAll()
     gmres = SolverOptions(options={"ksp_type": "gmres", "snes_max_it": 7})
-    first, second = scenes.solver(model, controls=gmres), scenes.solver(model)
+    first, second = scenes.solver(model, options=gmres), scenes.solver(model)
     assert (first.linear.method[0], second.linear.method[0]) == ("gmres", "preonly")
     assert first.newton.snes.getTolerances()[3] == 7 != second.newton.snes.getTolerances()[3]
     first.destroy()  # what the second one still has to read stays
@@ -131,17 +131,17 @@ def test_options_of_the_command_line_reach_each_solver_and_win() -> None:
     model, database = bonded(scenes.PROTOTYPE, 0.15), PETSc.Options()
     database["ksp_type"] = "cg"
     try:
-        equilibrium = scenes.solver(model, controls=SolverOptions(options={"ksp_type": "gmres"}))
+        equilibrium = scenes.solver(model, options=SolverOptions(options={"ksp_type": "gmres"}))
         assert equilibrium.linear.method[0] == "cg"
         equilibrium.destroy()
     finally:
         database.delValue("ksp_type")
 
 
-def test_every_outcome_has_a_name() -> None:
+def test_every_result_has_a_name() -> None:
     model = bonded(scenes.PROTOTYPE, 0.15)
-    outcome, _ = one_step(model, LARGE, SolverOptions(max_iterations=1))
-    assert outcome == SolveResult(False, "DIVERGED_MAX_IT", 1, outcome.residual, tangents=1)
+    result, _ = one_step(model, LARGE, SolverOptions(max_iterations=1))
+    assert result == SolveResult(False, "DIVERGED_MAX_IT", 1, result.residual, tangents=1)
 
 
 def test_an_exception_restores_what_is_overwritten_for_a_moment(

@@ -164,7 +164,7 @@ def marched(keep_from: float) -> tuple[list[Step], list[Step], int]:
             patch.setattr(LinearSolver, "_renew", counting)
             patch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
             marches.append(
-                scenes.march(model, program, "bdf2", controls=SolverOptions(keep_from=least))
+                scenes.march(model, program, "bdf2", options=SolverOptions(keep_from=least))
             )
         made.append(count[0])
     return *marches, made[1] - made[0]
@@ -215,7 +215,7 @@ def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
             patch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)
             with pytest.raises(StabilityLostError) as error:
                 scenes.march(
-                    model, program, grips=scenes.PUSH, controls=SolverOptions(keep_from=least),
+                    model, program, grips=scenes.PUSH, options=SolverOptions(keep_from=least),
                     smallest_step=1 / 1024,
                 )  # fmt: skip
         loss = error.value.loss

@@ -23,46 +23,46 @@ from wovenfab.stepping.step import Step
 SLIDING = (*scenes.COUPLED, "slip_friction")
 
 
-def chord_after(*shares: float) -> TangentReuse:
+def reuse_after(*shares: float) -> TangentReuse:
     """Return one that has begun a solve whose steps left these shares of the forces."""
-    chord = TangentReuse()
-    chord.begin()
+    reuse = TangentReuse()
+    reuse.begin()
     for share in shares:
-        chord.taken = chord.promises(share)
-    return chord
+        reuse.taken = reuse.promises(share)
+    return reuse
 
 
 def test_a_tangent_serves_again_as_long_as_steps_leave_little() -> None:
-    assert not chord_after(inf).taken
-    assert not chord_after(2 * LEFT).taken
-    assert chord_after(LEFT / 2).taken
-    assert chord_after(LEFT / 2, LEFT / 3, LEFT / 2).taken
-    assert not chord_after(LEFT / 2, 2 * LEFT).taken
+    assert not reuse_after(inf).taken
+    assert not reuse_after(2 * LEFT).taken
+    assert reuse_after(LEFT / 2).taken
+    assert reuse_after(LEFT / 2, LEFT / 3, LEFT / 2).taken
+    assert not reuse_after(LEFT / 2, 2 * LEFT).taken
 
 
 def test_after_a_step_that_was_not_worth_it_solves_wait_longer_each_time() -> None:
-    chord, waits = TangentReuse(), []
+    reuse, waits = TangentReuse(), []
     for _ in range(8):
         waited = 0
         while True:
-            chord.begin()
-            chord.taken = chord.promises(LEFT / 2)
-            if chord.taken:
+            reuse.begin()
+            reuse.taken = reuse.promises(LEFT / 2)
+            if reuse.taken:
                 break
             waited += 1
-        chord.taken = chord.promises(1.0)  # too much was left
+        reuse.taken = reuse.promises(1.0)  # too much was left
         waits.append(waited)
     assert waits == [0, 0, 1, 3, 7, 15, LONGEST_WAIT - 1, LONGEST_WAIT - 1]
 
 
 def test_a_solve_that_ends_with_an_older_tangent_ends_the_waiting() -> None:
-    chord = chord_after(LEFT / 2, 1.0)
+    reuse = reuse_after(LEFT / 2, 1.0)
     for _ in range(3):
-        chord.begin()
-        chord.taken = chord.promises(LEFT / 2)
-        assert chord.taken
-    chord.begin()
-    assert not chord.taken
+        reuse.begin()
+        reuse.taken = reuse.promises(LEFT / 2)
+        assert reuse.taken
+    reuse.begin()
+    assert not reuse.taken
 
 
 def test_linear_convergence_is_not_taken_for_quadratic() -> None:
@@ -87,10 +87,10 @@ def counted(march: Callable[[], list[Step]]) -> tuple[list[Step], int]:
         return march(), formed[0]
 
 
-def sliding_cycle(controls: SolverOptions) -> list[Step]:
+def sliding_cycle(options: SolverOptions) -> list[Step]:
     """Return the steps of a cycle of slip friction."""
     model = scenes.model(scenes.sheet(), SLIDING, scenes.PROTOTYPE_TWO_STEPS)
-    return scenes.march(model, program_of(cycle(0.0, 0.04, 0.25, 80)), "bdf2", controls=controls)
+    return scenes.march(model, program_of(cycle(0.0, 0.04, 0.25, 80)), "bdf2", options=options)
 
 
 def test_a_predicted_step_forms_one_tangent_and_ends_where_newtons_method_does() -> None:
@@ -123,9 +123,9 @@ def test_petsc_logs_the_tangents_that_are_formed() -> None:
 def test_a_large_step_from_rest_is_newtons_alone(numerics: Numerics) -> None:
     """Its forces fall by orders while yarns still turn, so that they tell little of tangents."""
     program, marches = program_of([ramp(0.0, 0.1, 1.0, 1)]), []
-    for controls in (SolverOptions(), SolverOptions(keep_from=inf)):
+    for options in (SolverOptions(), SolverOptions(keep_from=inf)):
         model = scenes.model(scenes.sheet(), scenes.BONDED, numerics)
-        made = partial(scenes.march, model, program, "backward-euler", controls=controls)
+        made = partial(scenes.march, model, program, "backward-euler", options=options)
         marches.append(counted(made))
     (steps, formed), (own, each) = marches
     print(f"\n{steps[-1].iterations} iterations, {formed} tangents")

@@ -22,12 +22,12 @@ CRITICAL = 2.6e-5
 
 
 def pushed(
-    displacement: float, controls: SolverOptions | None = None
+    displacement: float, options: SolverOptions | None = None
 ) -> tuple[Model, EquilibriumSolver, SolveResult]:
     """Return the bonded sheet after one step from rest."""
     on = scenes.sheet(fibres=scenes.ALONG)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
-    equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    equilibrium = scenes.solver(model, scenes.PUSH, options)
     constraints = equilibrium.problem.constraints
     constraints.set(displacement)
     return model, equilibrium, equilibrium.solve()
@@ -50,11 +50,11 @@ def held(equilibrium: EquilibriumSolver) -> NDArray[np.int32]:
 
 @pytest.mark.parametrize("times", [0.0, 0.5, 0.95, 1.1, 4.0, 40.0, 400.0])
 def test_the_factor_counts_the_negative_eigenvalues(times: float) -> None:
-    _, equilibrium, outcome = pushed(times * CRITICAL)
+    _, equilibrium, result = pushed(times * CRITICAL)
     eigenvalues = np.linalg.eigvalsh(tangent(equilibrium))
-    assert outcome.converged
-    assert outcome.negatives == (eigenvalues < 0).sum()
-    assert (outcome.negatives > 0) == (times > 1)
+    assert result.converged
+    assert result.negatives == (eigenvalues < 0).sum()
+    assert (result.negatives > 0) == (times > 1)
     equilibrium.destroy()
 
 
@@ -74,13 +74,13 @@ def test_pivots_are_searched_for_only_where_one_was_negative(
 
 
 def test_prescribed_rows_count_as_positive() -> None:
-    _, equilibrium, outcome = pushed(40 * CRITICAL)
+    _, equilibrium, result = pushed(40 * CRITICAL)
     values, rows = tangent(equilibrium), held(equilibrium)
     free = np.setdiff1d(np.arange(len(values)), rows)
     assert (values[np.ix_(rows, rows)] == np.eye(len(rows))).all()
     assert not values[np.ix_(rows, free)].any()
     inside = np.linalg.eigvalsh(values[np.ix_(free, free)])
-    assert outcome.negatives == (inside < 0).sum() > 1
+    assert result.negatives == (inside < 0).sum() > 1
     equilibrium.destroy()
 
 
@@ -114,9 +114,9 @@ def test_a_saddle_is_found_though_newtons_last_tangent_was_definite(
     model.last.x.array[:] = model.field.x.array
     straight(model, start * unit)
     equilibrium.problem.constraints.set(end * unit)
-    outcome = equilibrium.solve()
-    assert (first.negatives, outcome.converged, outcome.iterations) == (0, True, 1)
-    assert outcome.negatives == 1
+    result = equilibrium.solve()
+    assert (first.negatives, result.converged, result.iterations) == (0, True, 1)
+    assert result.negatives == 1
     equilibrium.destroy()
 
 
@@ -126,9 +126,9 @@ def test_other_linear_solvers_are_judged_by_a_factor_of_their_own(
     options: dict[str, str], times: float
 ) -> None:
     _, plain, expected = pushed(times * CRITICAL)
-    _, other, outcome = pushed(times * CRITICAL, SolverOptions(options=options))
+    _, other, result = pushed(times * CRITICAL, SolverOptions(options=options))
     assert other.spectrum._own is not None
-    assert (outcome.converged, outcome.negatives) == (True, expected.negatives)
+    assert (result.converged, result.negatives) == (True, expected.negatives)
     plain.destroy()
     other.destroy()
 
@@ -150,7 +150,7 @@ def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> N
 
 def test_a_null_pivot_is_not_negative() -> None:
     _, equilibrium, _ = pushed(0.0)
-    matrix, inertia = equilibrium.tangent(), equilibrium.spectrum
+    matrix, spectrum = equilibrium.tangent(), equilibrium.spectrum
     matrix.zeroEntries()
     diagonal = matrix.getDiagonal()
     diagonal.array_w[:] = 1.0
@@ -158,15 +158,15 @@ def test_a_null_pivot_is_not_negative() -> None:
     diagonal.array_w[5] = -1.0
     matrix.setDiagonal(diagonal)
     matrix.assemble()
-    inertia._linear.renew()
-    assert inertia._linear.negatives == 1
+    spectrum._linear.renew()
+    assert spectrum._linear.negatives == 1
     diagonal.destroy()
     equilibrium.destroy()
 
 
 def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
-    model, equilibrium, outcome = pushed(1.5 * CRITICAL)
-    assert outcome.negatives == 1
+    model, equilibrium, result = pushed(1.5 * CRITICAL)
+    assert result.negatives == 1
     mode = softest_mode(equilibrium)
     model.field.x.array[:] += 1e-6 * mode
     equilibrium.tangent()
@@ -186,11 +186,11 @@ def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
 def test_a_saddle_is_left_for_a_minimum_of_lower_potential_on_either_side() -> None:
     sides = []
     for sign in (1.0, -1.0):
-        model, equilibrium, outcome = pushed(1.5 * CRITICAL, SolverOptions(descend=True))
+        model, equilibrium, result = pushed(1.5 * CRITICAL, SolverOptions(descend=True))
         before, at = equilibrium.problem.energy(), model.field.x.array.copy()
         mode = softest_mode(equilibrium)
-        outcome = leave_saddle(equilibrium, sign * mode)
-        assert outcome.converged and outcome.negatives == 0
+        result = leave_saddle(equilibrium, sign * mode)
+        assert result.converged and result.negatives == 0
         assert equilibrium.problem.energy() < before
         sides.append((model.field.x.array - at) @ mode)
         equilibrium.destroy()

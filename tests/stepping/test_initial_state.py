@@ -128,7 +128,7 @@ def test_a_load_that_follows_the_program_against_friction_closes_its_balance() -
 
 def test_the_first_step_of_a_line_has_no_more_imbalance_than_the_others() -> None:
     model = model_with([], scenes.BONDED)
-    steps = scenes.march(model, program_of([ramp(0.0, 0.04, 1.0, 20)]), "bdf2", controls=TIGHT)
+    steps = scenes.march(model, program_of([ramp(0.0, 0.04, 1.0, 20)]), "bdf2", options=TIGHT)
     changes = np.abs(np.diff(imbalances(steps)))
     assert changes[0] < 2 * changes[1:].max()
     assert imbalances(steps)[-1] == pytest.approx(0.0, abs=1e-3 * energy(steps[-1]))
@@ -154,7 +154,7 @@ def test_a_start_without_equilibrium_is_told_and_leaves_the_sheet_at_rest() -> N
         StartFailedError, match=r"at the start, even with steps of 0\.5 of"
     ) as error:
         scenes.march(model, HOLD, "bdf2", HELD, SolverOptions(max_iterations=1), smallest_step=0.5)
-    assert error.value.cutbacks == 2 and error.value.outcome.reason == "DIVERGED_MAX_IT"
+    assert error.value.cutbacks == 2 and error.value.result.reason == "DIVERGED_MAX_IT"
     assert not model.field.x.array.any()
     assert float(model.friction.value) == 1.0
 

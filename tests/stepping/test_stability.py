@@ -44,8 +44,8 @@ def march(
 ) -> tuple[list[Step], list[np.ndarray], StabilityLostError | None]:
     """Return the steps, the field at each, and the error that ended the march."""
     model.field.x.array[:] = 0
-    controls = SolverOptions(descend=treatment == "follow", seed=seed)
-    equilibrium = scenes.solver(model, grips, controls)
+    options = SolverOptions(descend=treatment == "follow", seed=seed)
+    equilibrium = scenes.solver(model, grips, options)
     marching = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment)
     steps, fields, failure = [], [], None
     try:

@@ -27,19 +27,19 @@ def bonded(length: float = 0.9) -> Model:
 
 
 def march(
-    model: Model, program: Program, controls: SolverOptions, smallest_step: float = 1 / 64
+    model: Model, program: Program, options: SolverOptions, smallest_step: float = 1 / 64
 ) -> tuple[TimeStepper, EquilibriumSolver]:
     model.field.x.array[:] = 0
-    equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model, options=options)
     scheme = SCHEMES["backward-euler"]
     return TimeStepper(equilibrium, program, scheme, smallest_step), equilibrium
 
 
 def run(
-    model: Model, program: Program, controls: SolverOptions, smallest_step: float = 1 / 64
+    model: Model, program: Program, options: SolverOptions, smallest_step: float = 1 / 64
 ) -> tuple[list[Step], list[np.ndarray], StepFailedError | None]:
     """Return the accepted steps, the field at each, and the failure."""
-    marching, equilibrium = march(model, program, controls, smallest_step)
+    marching, equilibrium = march(model, program, options, smallest_step)
     steps, fields, failure = [], [], None
     try:
         for step in marching.steps():
@@ -95,9 +95,9 @@ def test_cut_backs_change_the_dissipated_energy_only_within_the_time_accuracy(
 
     def solve(self: EquilibriumSolver) -> object:
         """Pretend that every seventh solve did not converge."""
-        outcome = whole(self)
+        result = whole(self)
         failed = next(refuse) % 7 == 3
-        return SolveResult(False, "REFUSED", 1, 1.0) if failed else outcome
+        return SolveResult(False, "REFUSED", 1, 1.0) if failed else result
 
     monkeypatch.setattr(EquilibriumSolver, "solve", solve)
     rough = scenes.march(model, program, "bdf2")
@@ -152,8 +152,8 @@ def test_a_failure_says_when_where_and_why() -> None:
     )
     assert len(steps) == 1
     assert failure is not None
-    assert failure.outcome.reason == "DIVERGED_MAX_IT"
-    assert failure.outcome.iterations == 1
+    assert failure.result.reason == "DIVERGED_MAX_IT"
+    assert failure.result.iterations == 1
     assert (failure.time, failure.displacement, failure.step) == (0.25, 0.025, 0.25)
     assert re.fullmatch(
         r"no equilibrium at t = 0\.25 s \(displacement 25 mm\) even with a step of 0\.25 s: "
@@ -190,7 +190,7 @@ def test_a_nan_that_stays_ends_as_a_failure_by_name_with_clean_records(
     where = slice(None) if everywhere else held_unknowns(model)
     poisoned(monkeypatch, range(12, 10**6), where)
     steps, fields, failure = run(model, pull(0.04, 8), SolverOptions())
-    assert failure is not None and failure.outcome.reason == "DIVERGED_FNORM_NAN"
+    assert failure is not None and failure.result.reason == "DIVERGED_FNORM_NAN"
     assert 1 < len(steps) < 9
     for step, field in zip(steps, fields, strict=True):
         assert np.isfinite(field).all()
@@ -214,7 +214,7 @@ def test_a_singular_tangent_ends_as_a_failure_by_name(monkeypatch: pytest.Monkey
     monkeypatch.setattr(solver_module, "assemble_matrix", lambda matrix, *_: matrix.zeroEntries())
     steps, _, failure = run(bonded(), pull(0.04, 2), SolverOptions(), smallest_step=0.5)
     assert len(steps) == 1
-    assert failure is not None and failure.outcome.reason.startswith("DIVERGED")
+    assert failure is not None and failure.result.reason.startswith("DIVERGED")
 
 
 def test_without_predictor_a_step_starts_from_the_last_state_and_ends_the_same() -> None:

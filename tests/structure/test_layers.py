@@ -23,7 +23,6 @@ LAYERS = (
     "wovenfab.simulation",
     "wovenfab.study",
     "wovenfab.report",
-    "wovenfab.execution",
     "wovenfab.interface",
     "wovenfab.cli",
     "paper",

@@ -1,4 +1,4 @@
-"""The largest force of a curve that is known at steps only."""
+"""The peak force: recorded under this name everywhere, and interpolated between steps."""
 
 from __future__ import annotations
 
@@ -6,8 +6,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from benchmarks.probe import CASE, sample
+from wovenfab.case import read_case
+from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.peak_force import interpolated_peak_force, peak_force_bound
+from wovenfab.simulation.response import response_of
+from wovenfab.study.accuracy.measure import measure
 
 Largest = Callable[[np.ndarray, np.ndarray], float]
 
@@ -84,3 +90,22 @@ def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
     assert interpolated_peak_force(times, -forces, [False] * 5) == pytest.approx(-4)
     assert interpolated_peak_force(times, forces, [True] * 5) == forces[2]
     assert interpolated_peak_force(times[:3], forces[:3], [False] * 3) == forces[2]
+
+
+def test_the_peak_force_of_a_push_and_a_pull_is_the_recorded_one_with_its_sign() -> None:
+    push, pull = "{type: ramp, to: -20 mm, steps: 3}", "{type: ramp, to: 5 mm, steps: 3}"
+    path = CASE.with_name("bonded-1x3.yaml")
+    overrides = (
+        f"program=[{push}, {pull}]",
+        "discretisation={degree: 2, mesh_size: 150 mm}",
+        "solver.stability=ignore",
+    )
+    case = read_case(path, overrides)
+    response = response_of(case, sheet_of(case, MPI.COMM_SELF))
+    peak = response.forces[3]
+    assert peak == response.forces.min() < -response.forces.max() < 0
+    assert response.figures["peak_force_N"] == peak
+    assert sample(overrides, case=path).force == pytest.approx(peak)
+    values = measure(case).values
+    assert "peak_force_N" not in values
+    assert values["peak_force_interpolated_N"] == pytest.approx(peak, rel=0.05)

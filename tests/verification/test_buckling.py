@@ -43,8 +43,8 @@ def pushed(
     model: Model, shortening: float, steps: int, treatment: Treatment, smallest: float
 ) -> tuple[list[Step], StabilityLoss | None]:
     """Return the steps to a shortening (m), and the loss of stability that stopped them."""
-    controls = SolverOptions(descend=treatment == "follow")
-    equilibrium = scenes.solver(model, scenes.PUSH, controls)
+    options = SolverOptions(descend=treatment == "follow")
+    equilibrium = scenes.solver(model, scenes.PUSH, options)
     program = program_of([ramp(0.0, shortening, 1.0, steps)])
     scheme = SCHEMES["backward-euler"]
     march = TimeStepper(equilibrium, program, scheme, smallest, treatment)

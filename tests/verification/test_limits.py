@@ -22,7 +22,7 @@ def with_values(**changed: dict) -> dict:
 
 def march(model: Model, steps: int = 8, period: float = 0.25) -> list[Step]:
     """Return the steps of one 20 mm cycle."""
-    equilibrium = scenes.solver(model, controls=SolverOptions(tolerance=1e-12))
+    equilibrium = scenes.solver(model, options=SolverOptions(tolerance=1e-12))
     program = program_of(cycle(0.0, 0.02, period, steps))
     found = TimeStepper(equilibrium, program, SCHEMES["bdf2"], 1 / 64).steps()
     result = list(found)

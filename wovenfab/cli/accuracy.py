@@ -36,7 +36,7 @@ def study_accuracy(
     from wovenfab.report.study_pictures import draw_work_precision
     from wovenfab.study.accuracy.measure import StoredRuns
     from wovenfab.study.accuracy.strategy import run_study
-    from wovenfab.study.accuracy.study import answers, tables, write_csv
+    from wovenfab.study.accuracy.study import answers, tables, write_table
 
     directory = output or Path("results") / f"{case.name}-accuracy"
     directory.mkdir(parents=True, exist_ok=True)
@@ -50,7 +50,7 @@ def study_accuracy(
         return INTERRUPTED
     if runner.stored:
         console.say(f"{runner.stored} of {runner.asked} runs were there already")
-    write_csv(study, directory)
+    write_table(study, directory)
     if not study.space:
         console.problem(f"every run failed; the reasons are in {directory}")
         return FAILED_STEP

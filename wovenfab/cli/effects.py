@@ -15,16 +15,15 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
     from mpi4py import MPI
 
     from wovenfab.report.study_pictures import draw_costs
-    from wovenfab.study.effects import line, markdown, reader, study, write_csv
+    from wovenfab.study.effects import line, printed, study, write_table
 
     console = Console()
-    read = reader(case)
-    rows = study(tuple(case.effects), read, MPI.COMM_WORLD, lambda row: console.say(line(row)))
+    rows = study(case, MPI.COMM_WORLD, lambda row: console.say(line(row)))
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-effects"
         directory.mkdir(parents=True, exist_ok=True)
-        write_csv(rows, directory / "effects.csv")
-        (directory / "effects.md").write_text(markdown(rows), encoding="utf-8")
+        write_table(rows, directory / "effects.csv")
+        (directory / "effects.md").write_text(printed(rows), encoding="utf-8")
         draw_costs(rows, directory / "effects.png")
-        console.say(f"\n{markdown(rows)}\ntable and chart: {directory}")
+        console.say(f"\n{printed(rows)}\ntable and chart: {directory}")
     return 0

@@ -21,23 +21,23 @@ def report_results(
         output: The page of several runs, if not in the folder that holds them.
         animation: Whether to draw one cycle in motion, too.
     """
-    voice = Console()
+    console = Console()
     for directory in directories:
         if not (directory / "history.csv").is_file():
-            voice.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
+            console.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
             return BAD_INPUT
     if animation and len(directories) > 1:
-        voice.problem("--animation shows one run: name one directory")
+        console.problem("--animation shows one run: name one directory")
         return BAD_INPUT
     if len(directories) > 1:
-        return _compare(voice, directories, output)
+        return _compare(console, directories, output)
     if output is not None:
-        voice.problem("-o names the page of several runs; that of one is in its own directory")
+        console.problem("-o names the page of several runs; that of one is in its own directory")
         return BAD_INPUT
-    return _report(voice, directories[0], animation)
+    return _report(console, directories[0], animation)
 
 
-def _report(voice: Console, directory: Path, animation: bool) -> int:
+def _report(console: Console, directory: Path, animation: bool) -> int:
     from wovenfab.report.pictures import REPORT, ReportError, draw
 
     try:
@@ -45,19 +45,19 @@ def _report(voice: Console, directory: Path, animation: bool) -> int:
     except ReportError as error:
         drawn, problem = error.drawn, str(error)
     for path in drawn:
-        voice.say(str(path))
+        console.say(str(path))
     if problem is not None:
-        voice.problem(problem)
+        console.problem(problem)
     return 0 if problem is None else NOT_DRAWN
 
 
-def _compare(voice: Console, directories: Sequence[Path], output: Path | None) -> int:
+def _compare(console: Console, directories: Sequence[Path], output: Path | None) -> int:
     from wovenfab.report.pages import default_place, write_comparison
 
     try:
         path = write_comparison(directories, output or default_place(directories))
     except (OSError, ValueError) as error:
-        voice.problem(str(error))
+        console.problem(str(error))
         return BAD_INPUT
-    voice.say(str(path))
+    console.say(str(path))
     return 0

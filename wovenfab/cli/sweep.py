@@ -9,7 +9,7 @@ from pathlib import Path
 from wovenfab.case import refusal
 from wovenfab.cli.console import FAILED_STEP, INTERRUPTED, Console, duration
 from wovenfab.simulation.progress import Progress
-from wovenfab.study.sweep import Member, Run, Sweep, markdown, members_of, sweep, write_table
+from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
 
@@ -30,7 +30,7 @@ def run_sweep(
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED
-    console.say(f"\n{markdown(runs)}\n\ntable and picture: {directory}")
+    console.say(f"\n{printed(runs)}\n\ntable and picture: {directory}")
     _draw([run for run in runs if run.has_results], directory)
     return exit_code(runs)
 

@@ -25,7 +25,8 @@ the solution. ``diagnose`` names the cause of a failure.
 
 PETSc's SNES (newtonls) runs the loop. Its monitors and viewers act, as do the options of its
 linear solver (``ksp_``, ``pc_``, ``mat_mumps_``), which may replace the Cholesky factorisation.
-Convergence test, line search and lag of the Jacobian are those above: ``snes_atol``,
-``snes_rtol``, ``snes_stol``, ``snes_max_it`` and ``snes_lag_jacobian`` have no effect;
-``snes_linesearch_type`` other than ``basic`` searches once more along the shortened step.
+Convergence test, line search and reuse of tangents are those above: ``snes_atol``,
+``snes_rtol`` and ``snes_stol`` have no effect; ``snes_max_it`` ends a solve as
+``solver.max_iterations`` does; ``snes_linesearch_type`` other than ``basic`` searches once more
+along the shortened step.
 """

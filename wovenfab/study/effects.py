@@ -5,12 +5,11 @@ Everything is measured in this process; no results are written.
 
 from __future__ import annotations
 
-import csv
 import os
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from itertools import combinations
 from pathlib import Path
@@ -24,6 +23,7 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
+from wovenfab.study.table import markdown, write_csv
 
 
 @dataclass(frozen=True)
@@ -130,10 +130,6 @@ def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
             folder.cleanup()
 
 
-#: Returns the case with the named effects only, or raises CaseError.
-Reader = Callable[[Sequence[str]], Case]
-
-
 @dataclass(frozen=True)
 class Row:
     """One scene of the study.
@@ -150,64 +146,57 @@ class Row:
     refused: str = ""
 
 
-def reader(case: Case) -> Reader:
-    """Return how a case is read with some of its effects."""
-    names = tuple(case.effects)
+def with_effects(case: Case, names: Sequence[str]) -> Case:
+    """Return a case with some of its effects.
 
-    def read(present: Sequence[str]) -> Case:
-        return case.changed(*(f"effects.{name}=null" for name in names if name not in present))
+    Raises:
+        CaseError: The problem is not well posed.
+    """
+    return case.changed(*(f"effects.{name}=null" for name in case.effects if name not in names))
 
-    return read
 
-
-def study(
-    names: Sequence[str], read: Reader, comm: MPI.Comm, report: Callable[[Row], None]
-) -> list[Row]:
+def study(case: Case, comm: MPI.Comm, report: Callable[[Row], None]) -> list[Row]:
     """Measure all scenes of a case one after the other; collective.
 
     Args:
-        names: The effects of the case.
-        read: Returns the case with some of them.
+        case: The case.
         comm: The ranks that compute.
         report: Called with each row.
     """
-    sheet = sheet_of(read(names), comm)  # one mesh for all, so that only the effects differ
+    sheet = sheet_of(case, comm)  # one mesh for all, so that only the effects differ
     rows: dict[frozenset[str], Row] = {}
-    for scene, present in _scenes(names, read):
-        if frozenset(present) in rows:
+    for scene, names in _scenes(case):
+        if frozenset(names) in rows:
             continue
         try:
-            case = read(present)
+            row = Row(scene, measure(with_effects(case, names), sheet))
         except CaseError as error:
             row = Row(scene, None, error.problems[0].message)
-        else:
-            row = Row(scene, measure(case, sheet))
         report(row)
-        rows[frozenset(present)] = row
+        rows[frozenset(names)] = row
     return list(rows.values())
 
 
-def _scenes(names: Sequence[str], read: Reader) -> Iterator[tuple[str, tuple[str, ...]]]:
+def _scenes(case: Case) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield each scene's name and its effects."""
-    yield "all effects", tuple(names)
+    names = tuple(case.effects)
+    yield "all effects", names
     for name in names:
         yield f"without {name}", tuple(n for n in names if n != name)
     for name in names:
-        others = _fewest(name, names, read)
+        others = _fewest(name, case)
         scene = f"{name} with {' and '.join(others)}" if others else f"{name} alone"
         yield scene, (name, *others)
 
 
-def _fewest(name: str, names: Sequence[str], read: Reader) -> tuple[str, ...]:
+def _fewest(name: str, case: Case) -> tuple[str, ...]:
     """Return the fewest other effects with which ``name`` makes a well-posed problem."""
-    others = [n for n in names if n != name]
+    others = [n for n in case.effects if n != name]
     for count in range(len(others)):
         for chosen in combinations(others, count):
-            try:
-                read((name, *chosen))
-            except CaseError:
-                continue
-            return chosen
+            with suppress(CaseError):
+                with_effects(case, (name, *chosen))
+                return chosen
     return ()
 
 
@@ -223,15 +212,12 @@ def line(row: Row) -> str:
     )
 
 
-def write_csv(rows: Sequence[Row], path: Path) -> None:
+def write_table(rows: Sequence[Row], path: Path) -> None:
     """Write the table in SI units."""
-    names = [f.name for f in fields(Cost)]
-    with path.open("w", newline="", encoding="utf-8") as stream:
-        writer = csv.DictWriter(stream, ["scene", *names, "refused"])
-        writer.writeheader()
-        for row in rows:
-            values = asdict(row.cost) if row.cost else {}
-            writer.writerow({"scene": row.scene, **values, "refused": row.refused})
+    empty = dict.fromkeys(f.name for f in fields(Cost))
+    costs = [asdict(row.cost) if row.cost else empty for row in rows]
+    pairs = zip(rows, costs, strict=True)
+    write_csv(path, [{"scene": r.scene, **cost, "refused": r.refused} for r, cost in pairs])
 
 
 #: Heading, unit and how a cost is shown in the table.
@@ -250,17 +236,12 @@ COLUMNS: tuple[tuple[str, Callable[[Cost], str]], ...] = (
 )
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def printed(rows: Sequence[Row]) -> str:
     """Return the table in Markdown; scenes that are not well posed with the reason."""
-    lines = [
-        "| scene | " + " | ".join(title for title, _ in COLUMNS) + " |",
-        "|---|" + "---:|" * len(COLUMNS),
-    ]
-    for row in rows:
-        if row.cost is not None:
-            cost = row.cost
-            lines.append(f"| {row.scene} | " + " | ".join(show(cost) for _, show in COLUMNS) + " |")
+    costs = [(row.scene, row.cost) for row in rows if row.cost is not None]
+    cells = [[scene, *(show(cost) for _, show in COLUMNS)] for scene, cost in costs]
+    table = markdown(["scene", *(title for title, _ in COLUMNS)], cells)
     refused = [f"- {row.scene}: {row.refused}" for row in rows if row.cost is None]
     if refused:
-        lines += ["", "Not well posed, and refused:", "", *refused]
-    return "\n".join(lines) + "\n"
+        table += "\n".join(["", "", "Not well posed, and refused:", "", *refused])
+    return f"{table}\n"

@@ -33,15 +33,8 @@ from wovenfab.record.results import write_whole
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    "parallel",
-    "compat",
-    "case",
-    "sheet",
-    "model",
-    "solver",
-    "stepping",
-    "record",
-    "simulation",
+    *("parallel", "log", "compat", "case", "sheet"),
+    *("model", "solver", "stepping", "record", "simulation"),
 )
 #: Seconds between two polls of the running processes.
 _PAUSE = 0.2
@@ -99,11 +92,7 @@ def _ignore(*_: object) -> None:
 
 
 def execute(command: Command, progress: Callable[[float], None] = _ignore) -> Ended:
-    """Run a command and return how it ended.
-
-    Args:
-        command: The command.
-        progress: Called several times a second with the wall time so far, s.
+    """Run a command; report the wall time (s) several times a second.
 
     Raises:
         KeyboardInterrupt: This process was told to end; the command has been ended, too.
@@ -125,16 +114,10 @@ def execute_all(
     on_end: Callable[[int, Ended], None] = _ignore,
     on_wait: Callable[[], None] = _ignore,
 ) -> None:
-    """Run commands side by side, in their order.
+    """Run commands in their order, so many at a time.
 
-    Whatever ends this function ends the processes, too, with their children.
-
-    Args:
-        commands: The commands.
-        jobs: Number of commands at a time.
-        on_start: Called with the index of each command that starts.
-        on_end: Called with the index of each command that has ended, and how.
-        on_wait: Called several times a second.
+    ``on_start`` and ``on_end`` get the index of a command; ``on_wait`` is called several times a
+    second. Whatever ends this function ends the processes, too, with their children.
 
     Raises:
         KeyboardInterrupt: This process was told to end.
@@ -270,9 +253,7 @@ class Store:
 def fingerprint(case: Case, *sources: Path) -> str:
     """Return a text that differs if the case, a file it names, or the code that computes does.
 
-    Args:
-        case: The case.
-        sources: Python files and folders whose code counts, too.
+    Python files and folders in ``sources`` count, too.
     """
     parts = [case.to_yaml(), *map(_content, _files_of(case)), code(*sources)]
     return _digest("\0".join(parts))
@@ -282,8 +263,7 @@ def fingerprint(case: Case, *sources: Path) -> str:
 def code(*sources: Path) -> str:
     """Return a text that differs if the code that computes does, whatever its comments say.
 
-    Args:
-        sources: Python files and folders whose code counts, too.
+    Python files and folders in ``sources`` count, too.
     """
     top = Path(wovenfab.__file__).parent
     computing = [top / name for name in COMPUTING]

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from io import StringIO
 from pathlib import Path
 from typing import Any, Literal
 
 from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
 from wovenfab.record.history import HISTORY
-from wovenfab.record.results import FINGERPRINT, write_whole
+from wovenfab.record.results import FINGERPRINT
 from wovenfab.record.summary import SUMMARY, read_summary
 from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
+from wovenfab.study.table import markdown, write_csv
 from wovenfab.study.variations import OVER, Variation
 
 
@@ -275,26 +274,14 @@ def table_of(runs: Sequence[Run]) -> list[dict[str, Any]]:
 
 def write_table(runs: Sequence[Run], directory: Path) -> Path:
     """Write the table as CSV into the directory of a sweep; return the file."""
-    rows = table_of(runs)
-    stream = StringIO()
-    writer = csv.DictWriter(stream, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(directory / TABLE, stream.getvalue())
+    write_csv(directory / TABLE, table_of(runs))
     return directory / TABLE
 
 
-def markdown(runs: Sequence[Run]) -> str:
+def printed(runs: Sequence[Run]) -> str:
     """Return the main columns as a table in Markdown."""
-    lines = [
-        "| run | " + " | ".join(_PRINTED.values()) + " |",
-        "|---|---|" + "---:|" * (len(_PRINTED) - 1),
-    ]
-    lines += [
-        f"| {row['run']} | " + " | ".join(_short(row[key]) for key in _PRINTED) + " |"
-        for row in table_of(runs)
-    ]
-    return "\n".join(lines)
+    rows = [[row["run"], *(_short(row[key]) for key in _PRINTED)] for row in table_of(runs)]
+    return markdown(["run", *_PRINTED.values()], rows, texts=(0, 1))
 
 
 def _row(run: Run, keys: Sequence[str]) -> dict[str, Any]:

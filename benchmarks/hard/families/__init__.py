@@ -12,11 +12,11 @@ from benchmarks.hard.row import Family, Row
 @cache
 def families() -> tuple[Family, ...]:
     """Return all families, in the order of the page."""
-    found = [
+    members = [
         importlib.import_module(f"{__package__}.{module.name}").FAMILY
         for module in pkgutil.iter_modules(__path__)
     ]
-    return tuple(sorted(found, key=lambda family: family.number))
+    return tuple(sorted(members, key=lambda family: family.number))
 
 
 def row_named(name: str) -> Row:

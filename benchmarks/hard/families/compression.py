@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from benchmarks.hard.families.contrasts import AUTO, FEW, WHOLE
 from benchmarks.hard.measurement import Measurement
-from benchmarks.hard.pictures.compression import draw_compression
+from benchmarks.hard.pictures import draw_compression
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.case import Case, Rectangle
 from wovenfab.stepping.step import Step
@@ -57,14 +57,14 @@ def stiffnesses(case: Case) -> tuple[float, float, float]:
 
 
 def pushed(setting: Setting) -> Figures:
-    """March, and say where stability is lost and how soft the sheet is at each step; serial."""
+    """Run; return losses of stability and the lowest eigenvalue at each step; serial."""
     measurement = Measurement(setting)
     softest: list[float] = []
 
-    def look(step: Step) -> None:
+    def observe(step: Step) -> None:
         softest.append(softness(measurement))
 
-    measurement.run(look)
+    measurement.run(observe)
     losses = [s.loss for s in measurement.steps if s.loss] + (
         [measurement.loss] if measurement.loss else []
     )
@@ -82,12 +82,11 @@ def pushed(setting: Setting) -> Figures:
             negative_at_the_saddle=float(losses[0].negatives),
         )
         series |= {"mode": shape(measurement, losses[0].mode), "load": load}
-    measurement.destroy()
     return Figures(**{**vars(figures), "series": series})
 
 
 def straight(setting: Setting) -> Figures:
-    """March, and compare the force with that of yarns that are kept straight; serial."""
+    """Run, and compare the force with that of yarns that are kept straight; serial."""
     figures, sheet = pushed(setting), setting.case.sheet
     assert isinstance(sheet, Rectangle)
     stretch, _, _ = stiffnesses(setting.case)
@@ -111,11 +110,11 @@ def softness(measurement: Measurement) -> float:
 def shape(measurement: Measurement, mode: NDArray[np.float64]) -> dict[str, Any]:
     """Return a mode of one placement at the corners of the cells; serial."""
     corners = measurement.model.placements.blocks[:, :3, 0]
-    kept, cells = np.unique(corners, return_inverse=True)
+    vertices, cells = np.unique(corners, return_inverse=True)
     return {
-        "points": measurement.model.placements.positions[kept].tolist(),
+        "points": measurement.model.placements.positions[vertices].tolist(),
         "cells": cells.reshape(-1, 3).tolist(),
-        "displacement": mode.reshape(-1, 2)[kept].tolist(),
+        "displacement": mode.reshape(-1, 2)[vertices].tolist(),
     }
 
 

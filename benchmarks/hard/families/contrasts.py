@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from benchmarks.hard.measurement import Measurement, last_force, measured
-from benchmarks.hard.pictures.models import draw_contrasts
+from benchmarks.hard.measurement import last_force, measured
+from benchmarks.hard.pictures import draw_contrasts
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 
 STEPS = ("program.to=40 mm", "program.steps=4")
@@ -15,7 +15,7 @@ BONDED = Setting("bonded-1x3", (*STEPS, AUTO, "discretisation.degree=3"))
 TIED = Setting("elastic-1x3", STEPS)
 #: Stiffest coupling that is asked for, and those that reach the bonded limit, N/m^3.
 COUPLINGS, STIFFER = (1e0, 1e2, 1e4, 1e6, 1e8, 1e10, 1e12), (1e14, 1e16)
-#: Unless told, only meshes of one placement are graded; cells this small see the slip fade.
+#: By default only meshes of one placement are graded; such cells resolve the decay of the slip.
 SAME_MESH = "discretisation.corner_size=2 mm"
 FEW, WHOLE = Bound("worst", most=10), Bound("cutbacks", most=0)
 CLOSE = Bound("difference from the limit", most=1e-3)
@@ -56,18 +56,17 @@ def bonded(setting: Setting) -> Setting:
 
 
 def coupled(stiffnesses: tuple[float, ...], setting: Setting) -> Figures:
-    """March with each coupling; compare the forces with each other and the bonded one.
+    """Run with each coupling; compare the forces with each other and the bonded one.
 
     The bonded sheet has the same mesh, so that its states are among those of two placements.
     """
-    rides = []
-    for stiffness in stiffnesses:
-        measurement = Measurement(setting.but(f"effects.coupling.stiffness={stiffness!r}")).run()
-        rides.append(measurement.figures())
-        measurement.destroy()
-    forces = [figures.series["force"][-1] for figures in rides]
+    runs = [
+        measured(setting.but(f"effects.coupling.stiffness={stiffness!r}"))
+        for stiffness in stiffnesses
+    ]
+    forces = [figures.series["force"][-1] for figures in runs]
     limit = last_force(bonded(setting))
-    return together(rides, {"stiffness": stiffnesses, "force": forces, "limit": limit}).with_checks(
+    return together(runs, {"stiffness": stiffnesses, "force": forces, "limit": limit}).with_checks(
         force_over_the_bonded=max(forces) / limit,
         growth_with_the_coupling=min(
             (b - a) / limit for a, b in zip([0.0, *forces], forces, strict=False)
@@ -86,7 +85,7 @@ FAMILY = Family(
         "ends. The row shows that the force grows towards the bonded one of the same mesh and "
         "stays below it; the next row, that 1e16 N/m³ (0.1 mm) is there. At 1e10 N/m³ a long first "
         "step passes a saddle, and goes on by the positive part of the tangent. "
-        "At 1 N/m³ yarns slide along curved valleys of the potential, which whole steps may leave "
+        "At 1 N/m³ yarns slide along curved valleys of the potential, which full steps may leave "
         "a little. "
         "Nearly inextensible yarns (K_e/K_s = 1e9 by way of K_e) need a mesh along the fibres: "
         "on any other, cells that cannot bend without stretching lock."

@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.hard.pictures.runs import draw_failures
+from benchmarks.hard.pictures import draw_failures
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
@@ -65,7 +65,7 @@ EFFECT = Effect(
 
 
 def failing(effect: tuple[str, str, str] | None, setting: Setting) -> Figures:
-    """Run a case that must fail, as a user does, and look at what is left; serial.
+    """Run a case that must fail, as a user does, and examine what is left; serial.
 
     Args:
         effect: Name, source and values of an effect of one's own, or None.

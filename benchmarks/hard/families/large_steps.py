@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.hard.measurement import measured
-from benchmarks.hard.pictures.solving import draw_large_steps
+from benchmarks.hard.pictures import draw_large_steps
 from benchmarks.hard.row import Bound, Family, Row, Setting
 
 PULL = Setting(
@@ -13,7 +13,7 @@ BOUNDS = (Bound("worst", most=10), Bound("cutbacks", most=0), Bound("margin", le
 
 
 def _row(degree: int, size: str, corner: str | None = None) -> Row:
-    """Return a row of one degree, with cells of a size, finer at the corners if wanted."""
+    """Return a row of one degree, with cells of a size, finer at the corners with a corner size."""
     graded = (
         ()
         if corner is None

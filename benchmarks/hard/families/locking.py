@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.hard.measurement import Measurement
-from benchmarks.hard.pictures.solving import draw_locking
+from benchmarks.hard.pictures import draw_locking
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 
 ADMISSIBLE = Bound("margin", least=1e-6)
@@ -13,11 +13,10 @@ PULL = Setting("bonded-1x3", ("discretisation.penalty=auto", "discretisation.deg
 
 
 def growth(setting: Setting) -> Figures:
-    """March, and measure how smoothly the force grows; collective."""
+    """Run, and measure how smoothly the force grows; collective."""
     measurement = Measurement(setting).run()
     gains = np.diff(measurement.force)
     ratios = gains[1:] / gains[:-1]
-    measurement.destroy()
     if not len(ratios):
         return measurement.figures()
     return measurement.figures(least_growth=float(ratios.min()), largest_growth=float(ratios.max()))

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from mpi4py import MPI
 
-from benchmarks.hard.pictures.runs import draw_long
+from benchmarks.hard.pictures import draw_long
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
@@ -26,14 +26,14 @@ def cycles(setting: Setting) -> Figures:
     case = setting.case
     per_cycle, memory = case.time.steps_per_cycle, []
 
-    def tell(progress: Progress) -> None:
+    def report(progress: Progress) -> None:
         if progress.step is not None and progress.step.number % per_cycle == 0:
             memory.append(_resident())
 
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
         with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
-            outcome, _, summary = run(simulation, directory, tell, Stopwatch())
+            outcome, _, summary = run(simulation, directory, report, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start
     force, steps = history["force_N"], len(history["step"]) - 1

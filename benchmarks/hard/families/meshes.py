@@ -1,4 +1,4 @@
-"""Meshes that nobody chose, and the penalty on them."""
+"""Meshes of poor quality, and the penalty on them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from benchmarks.hard.coercivity import Coercivity
 from benchmarks.hard.families.contrasts import AUTO, FEW, QUICK, WHOLE, finer
 from benchmarks.hard.grids import Grid, crossed, write
 from benchmarks.hard.measurement import Measurement, last_force, measured
-from benchmarks.hard.pictures.models import draw_meshes
+from benchmarks.hard.pictures import draw_meshes
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from wovenfab.case import Rectangle
 from wovenfab.stepping.step import Step
@@ -48,7 +48,7 @@ def refined(setting: Setting) -> float:
 
 
 def compared(exact: Callable[[Setting], float], setting: Setting) -> Figures:
-    """March and compare the force with another mesh's."""
+    """Run and compare the force with another mesh's."""
     figures = measured(setting)
     force = figures.series["force"][-1]
     return figures.with_checks(difference=abs(force / exact(setting) - 1))
@@ -72,7 +72,7 @@ def _grid(setting: Setting, angle: float = 45.0) -> Grid:
 
 
 def slivers(setting: Setting) -> Figures:
-    """March on a mesh with angles of 1°, and compare with a good one."""
+    """Run on a mesh with angles of 1°, and compare with a good one."""
     grid = _grid(setting, 1.0)
     with TemporaryDirectory() as folder:
         figures = measured(setting.but(*_own(write(grid, Path(folder) / "slivers.msh"))))
@@ -84,7 +84,7 @@ def slivers(setting: Setting) -> Figures:
 
 
 def shuffled(setting: Setting) -> Figures:
-    """March on a mesh file in order and on the same one with all numbers shuffled."""
+    """Run on a mesh file in order and on the same one with all numbers shuffled."""
     grid, parts = _grid(setting), []
     with TemporaryDirectory() as folder:
         for seed in (None, 1, 2):
@@ -97,14 +97,12 @@ def shuffled(setting: Setting) -> Figures:
 
 
 def on_ranks(setting: Setting) -> Figures:
-    """March on 1, 2, … ranks, as many as there are, and compare; collective."""
+    """Run on 1, 2, … ranks, as many as there are, and compare; collective."""
     world, parts = MPI.COMM_WORLD, []
     for count in range(1, world.size + 1):
         some = world.Split(world.rank >= count)
         if world.rank < count:
-            measurement = Measurement(setting, some).run()
-            parts.append(measurement.figures())
-            measurement.destroy()
+            parts.append(Measurement(setting, some).run().figures())
         world.barrier()
     if world.rank:
         return parts[-1]
@@ -116,16 +114,14 @@ def on_ranks(setting: Setting) -> Figures:
 
 
 def coercive(setting: Setting) -> Figures:
-    """March, with the smallest eigenvalue of the facet-cell form at each step; serial."""
+    """Run, with the smallest eigenvalue of the facet-cell form at each step; serial."""
     parts = []
     curves: dict[str, list[float]] = {}
     for mesh in ("crossed", "unstructured"):
         measurement = Measurement(setting.but(f"discretisation.mesh={mesh}"))
         form = Coercivity(measurement.model)
         values = curves.setdefault(mesh, [])
-        measurement.run(partial(_note, form, values))
-        parts.append(measurement.figures())
-        measurement.destroy()
+        parts.append(measurement.run(partial(_note, form, values)).figures())
     least = min(min(values) for values in curves.values())
     series = {**curves, "displacement": parts[0].series["displacement"]}
     return together(parts, series).with_checks(least_eigenvalue=least)

@@ -10,7 +10,7 @@ import pint
 from numpy.typing import NDArray
 
 from benchmarks.hard.measurement import Measurement
-from benchmarks.hard.pictures.models import draw_scales
+from benchmarks.hard.pictures import draw_scales
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from wovenfab.case import Case
 
@@ -69,23 +69,21 @@ def _times(value: object, factor: float) -> str:
 
 
 def compared(scale: Scale, setting: Setting) -> Figures:
-    """March a case and the scaled one; compare all histories. Collective."""
-    rides = [Measurement(s).run() for s in (setting, setting.but(*scaled(setting.case, scale)))]
-    histories = [_history(measurement) for measurement in rides]
-    figures = [measurement.figures() for measurement in rides]
-    for measurement in rides:
-        measurement.destroy()
+    """Run a case and the scaled one; compare all histories. Collective."""
+    runs = [Measurement(s).run() for s in (setting, setting.but(*scaled(setting.case, scale)))]
+    histories = [_history(measurement) for measurement in runs]
+    figures = [measurement.figures() for measurement in runs]
     energy = scale.length * scale.force
     factors = np.array([scale.time, scale.length, scale.force, energy, energy, energy])
     iterations = [float(sum(f.series["iterations"])) for f in figures]
     same = histories[0].shape == histories[1].shape
-    apart = (
+    differences = (
         np.abs(histories[1] / factors - histories[0]).max(axis=0) / np.abs(histories[0]).max(axis=0)
         if same
         else np.full(len(factors), np.inf)
     )
-    return together(figures[:1], {"apart": apart.tolist()}).with_checks(
-        difference=float(apart.max()),
+    return together(figures[:1], {"apart": differences.tolist()}).with_checks(
+        difference=float(differences.max()),
         difference_in_iterations=iterations[1] - iterations[0],
     )
 

@@ -10,7 +10,7 @@ import ufl
 from numpy.typing import NDArray
 
 from benchmarks.hard.measurement import Measurement
-from benchmarks.hard.pictures.friction import draw_friction
+from benchmarks.hard.pictures import draw_friction
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from forms.balance import Balance
 from forms.effect import Term
@@ -25,7 +25,7 @@ STRENGTHS = {
 }
 SLOPES = (1e0, 1e2, 1e4, 1e6)
 SPEEDS = (1, 10, 1000)
-#: Points of a cell (reference triangle) at which a smooth law's stress is looked at.
+#: Points of a cell (reference triangle) at which a smooth law's stress is evaluated.
 POINTS = np.array([[1 / 3, 1 / 3], [0.05, 0.05], [0.9, 0.05], [0.05, 0.9]])
 #: Out, a hold, an instant reversal, a jump in velocity, another reversal and hold.
 WAYS = ((20, 0.2, 4), (20, 0.1, 2), (5, 0.15, 4), (15, 0.01, 2), (10, 0.005, 2), (10, 0.1, 1))
@@ -44,7 +44,7 @@ def path(ways: tuple[tuple[float, float, int], ...] = WAYS, speed: float = 1) ->
 
 
 def pulled(setting: Setting) -> tuple[Figures, float, float]:
-    """March; return the figures, the largest stress over its bound and the least loss.
+    """Run; return the figures, the largest stress over its bound and the least loss.
 
     The loss is that of a step over that of all; collective.
     """
@@ -54,9 +54,8 @@ def pulled(setting: Setting) -> tuple[Figures, float, float]:
     lost = np.array([sum(s.dissipated.values()) for s in measurement.steps])
     least = float(np.diff(lost).min() / max(lost[-1], np.finfo(float).tiny))
     figures = measurement.figures()
-    measurement.destroy()
-    with_loss = replace(figures, series={**figures.series, "loss": lost.tolist()})
-    return with_loss, max(stresses), least
+    series = {**figures.series, "loss": lost.tolist()}
+    return replace(figures, series=series), max(stresses), least
 
 
 def largest_stress(measurement: Measurement, step: Step) -> float:
@@ -84,19 +83,18 @@ def _stress(balance: Balance, term: Term, measurement: Measurement) -> NDArray[n
     mesh = measurement.model.sheet.mesh
     cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
     share = compile_expression(stress / term.effect.bound.strength(term.values), POINTS)
-    found: NDArray[np.float64] = share.eval(mesh, cells)
-    return found
+    return np.asarray(share.eval(mesh, cells))
 
 
 def strengths(kind: str, slope: float | None, setting: Setting) -> Figures:
-    """March with each strength, by Coulomb's law where there is no slope; collective."""
+    """Run with each strength, by Coulomb's law where there is no slope; collective."""
     law = "law: coulomb" if slope is None else f"slope: {slope!r}"
     chosen = STRENGTHS[kind][1::2] if _is_quick(setting) else STRENGTHS[kind]
-    found = [
+    runs = [
         pulled(setting.but(f"effects.{kind}={{strength: {strength!r}, {law}}}"))
         for strength in chosen
     ]
-    parts = [figures for figures, _, _ in found]
+    parts = [figures for figures, _, _ in runs]
     series = {
         "strength": chosen,
         "worst": [f.worst for f in parts],
@@ -104,24 +102,24 @@ def strengths(kind: str, slope: float | None, setting: Setting) -> Figures:
         "force": [f.series["force"] for f in parts],
     }
     return together(parts, series).with_checks(
-        stress_over_bound=max(stress for _, stress, _ in found),
-        least_loss=min(least for _, _, least in found),
+        stress_over_bound=max(stress for _, stress, _ in runs),
+        least_loss=min(least for _, _, least in runs),
     )
 
 
 def speeds(kind: str, setting: Setting) -> Figures:
-    """March by Coulomb's law at several speeds; compare the loops; collective."""
+    """Run by Coulomb's law at several speeds; compare the loops; collective."""
     strength = STRENGTHS[kind][2]
     ways = FEW_WAYS if _is_quick(setting) else WAYS
     law = f"effects.{kind}={{strength: {strength!r}, law: coulomb}}"
-    found = [pulled(setting.but(law, path(ways, speed))) for speed in SPEEDS]
-    parts = [figures for figures, _, _ in found]
+    runs = [pulled(setting.but(law, path(ways, speed))) for speed in SPEEDS]
+    parts = [figures for figures, _, _ in runs]
     loops = np.array([[f.series["force"], f.series["loss"]] for f in parts])
     sizes = np.abs(loops[0]).max(axis=1)
     apart = np.abs(loops - loops[0]).max(axis=(0, 2)) / sizes
     return together(parts, {"force": [f.series["force"] for f in parts]}).with_checks(
-        stress_over_bound=max(stress for _, stress, _ in found),
-        least_loss=min(least for _, _, least in found),
+        stress_over_bound=max(stress for _, stress, _ in runs),
+        least_loss=min(least for _, _, least in runs),
         change_with_the_speed=float(apart.max()),
     )
 

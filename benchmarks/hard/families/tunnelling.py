@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from benchmarks.hard.crossing import exact_crossing
 from benchmarks.hard.measurement import Measurement
-from benchmarks.hard.pictures.solving import draw_tunnelling
+from benchmarks.hard.pictures import draw_tunnelling
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
 from wovenfab.solver.globalisation import CROSSING_SHARE
 
@@ -20,7 +20,7 @@ def crossings(setting: Setting) -> Figures:
     """Step from random states, every other one aimed across the barrier; serial."""
     measurement, random = Measurement(setting), np.random.default_rng(7)
     crossing, field = measurement.equilibrium.crossing, measurement.model.field
-    found, exact, after = [], [], []
+    limits, exact, after = [], [], []
     for i in range(STATES):
         state = _random_state(measurement, random)
         if i % 2:
@@ -33,19 +33,19 @@ def crossings(setting: Setting) -> Figures:
             measurement.equilibrium.solve()  # one iteration: Newton's direction and what it accepts
         after.append(crossing.margin())
         field.x.array[:] = state
-        found.append(crossing.limit(crossing.direction.x.array))
+        limits.append(crossing.limit(crossing.direction.x.array))
         f, df = crossing.derivatives(crossing.direction.x.array)
         exact.append(min(exact_crossing(f[k], df[k]) for k in range(len(f))))
     unknowns = measurement.model.unknowns
     measurement.destroy()
-    pairs = [(a, b) for a, b in zip(found, exact, strict=True) if np.isfinite(b)]
-    apart = sum(np.isfinite(found) != np.isfinite(exact))
+    pairs = [(a, b) for a, b in zip(limits, exact, strict=True) if np.isfinite(b)]
+    wrong = sum(np.isfinite(limits) != np.isfinite(exact))
     return Figures(
         unknowns, STATES, mean=1.0, worst=1, cutbacks=0, margin=min(after), imbalance=None,
-        series={"found": [a for a, _ in pairs], "exact": [b for _, b in pairs]},
+        series={"limit": [a for a, _ in pairs], "exact": [b for _, b in pairs]},
     ).with_checks(
         error_of_the_limit=max(abs(a - b) / b for a, b in pairs),
-        limits_found_wrongly=float(apart),
+        wrong_limits=float(wrong),
         aimed_beyond=float(sum(b < 1 for _, b in pairs)),
     )  # fmt: skip
 
@@ -98,7 +98,7 @@ FAMILY = Family(
             bounds=(
                 Bound("margin", least=0.0),
                 Bound("error of the limit", most=1e-12),
-                Bound("limits found wrongly", most=0),
+                Bound("wrong limits", most=0),
                 Bound("aimed beyond", least=STATES / 2),
             ),
         ),

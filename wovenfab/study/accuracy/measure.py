@@ -74,11 +74,6 @@ class Measured:
         """Time from the case to its last step, without compilation, s."""
         return self.setup + self.stepping
 
-    @property
-    def each_step(self) -> float:
-        """Mean time of a step, s."""
-        return self.stepping / max(self.steps, 1)
-
 
 def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
     """Run a case in this process, on one rank, and return its results and cost.

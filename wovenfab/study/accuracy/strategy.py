@@ -176,6 +176,7 @@ class MethodState:
         return len(self.runs) > 2 and _MARGIN * left < self.time < inf
 
 
+@dataclass
 class Scheduler:
     """Refines several methods: the shortest run next, each method in its share of the time.
 
@@ -183,23 +184,21 @@ class Scheduler:
     be needed to make its error small enough, or if two others are more accurate already than it
     will be after its next run. What is left goes to the method that should get there first, for
     the best answer, and then to the most accurate other, for its check.
+
+    Attributes:
+        case: The case.
+        runner: Runs a setting.
+        study: The study to which the runs belong; its time is counted here.
+        report: Called before and after each run.
+        enough: Relative error with which a method ends.
     """
 
-    def __init__(
-        self, case: Case, runner: Runner, study: Study, report: Report, enough: float
-    ) -> None:
-        """Run nothing yet.
-
-        Args:
-            case: The case.
-            runner: Runs a setting.
-            study: The study to which the runs belong; its time is counted here.
-            report: Called before and after each run.
-            enough: Relative error with which a method ends.
-        """
-        self._case, self._runner, self._study = case, runner, study
-        self._report, self._enough = report, enough
-        self._results: dict[tuple[str, ...], Measured] = {}
+    case: Case
+    runner: Runner
+    study: Study
+    report: Report
+    enough: float
+    _results: dict[tuple[str, ...], Measured] = field(default_factory=dict)
 
     @staticmethod
     def start(settings: Sequence[Iterator[Setting]]) -> list[MethodState]:
@@ -208,19 +207,16 @@ class Scheduler:
 
     def run(self, states: Sequence[MethodState], runs: list[Run], until: float) -> None:
         """Refine the methods until the time (s) since the study's start would not be enough."""
-        share = (until - self._study.spent) / len(states)
-        while state := self._next(states, share, until - self._study.spent):
+        share = (until - self.study.spent) / len(states)
+        while state := self._next(states, share, until - self.study.spent):
             self._refine(state, runs)
             self._foresee([s for s in states if s.runs])
 
     @staticmethod
     def _next(states: Sequence[MethodState], share: float, left: float) -> MethodState | None:
-        """Return the method whose run is next, or None where the time that is left is too short.
+        """Return the method whose run is next, or None where the time (s) is too short.
 
-        Args:
-            states: All methods.
-            share: Time of each, s.
-            left: Time of all, s.
+        Each method has its share of the time that is left to all.
         """
         within = [s for s in states if s.spent + s.expected <= share and not s.is_hopeless(left)]
         if useful := [s for s in within if s.is_useful(states)]:
@@ -237,10 +233,10 @@ class Scheduler:
         for state, of_method in zip(states, of_methods, strict=True):
             if len(state.runs) > 1:
                 expected = forecast(of_method, best)
-                if len(state.runs) > 2 and expected.error <= self._enough:
+                if len(state.runs) > 2 and expected.error <= self.enough:
                     state.expected = inf
                 state.error, state.next_error = expected.error, expected.next
-                state.time = expected.time(self._enough, state.expected, state.growth)
+                state.time = expected.time(self.enough, state.expected, state.growth)
 
     def _refine(self, state: MethodState, runs: list[Run]) -> None:
         """Make a method's next run."""
@@ -262,43 +258,44 @@ class Scheduler:
     def run_one(self, setting: Setting, expected: float) -> Run | None:
         """Run one setting; None where the case cannot be read with it."""
         try:
-            self._case.changed(*setting.overrides)
+            self.case.changed(*setting.overrides)
         except CaseError:
             return None
         measured = self._results.get(setting.overrides)
         if measured is None:
-            self._report(self._study, setting, expected, None)
-            measured = self._results[setting.overrides] = self._runner(setting)
-            self._study.spent += measured.wall
+            self.report(self.study, setting, expected, None)
+            measured = self._results[setting.overrides] = self.runner(setting)
+            self.study.spent += measured.wall
         count = measured.unknowns if setting.stage == "space" else measured.steps**2
         run = Run(setting, measured, setting.size or 1 / sqrt(max(count, 1)))
         if measured.failure:
-            self._study.failed.append(run)
-        self._report(self._study, setting, expected, run)
+            self.study.failed.append(run)
+        self.report(self.study, setting, expected, run)
         return run
 
 
 _Parts = tuple[Run, Run]
 
 
+@dataclass
 class PairScheduler:
     """Runs the cheapest pair of a mesh and steps that promises each accuracy.
 
     After each pair the mixed part of the best answers is better known, so an accuracy may be
     proven by a pair that was run for another one.
+
+    Attributes:
+        study: The study, whose runs in space and in time are done.
+        scheduler: Runs a setting.
+        base: The run whose mesh the study in time used.
     """
 
-    def __init__(self, study: Study, scheduler: Scheduler, base: Run) -> None:
-        """Run nothing yet.
-
-        Args:
-            study: The study, whose runs in space and in time are done.
-            scheduler: Runs a setting.
-            base: The run whose mesh the study in time used.
-        """
-        self._study, self._scheduler, self._base = study, scheduler, base
-        self._tried: list[_Parts] = []
-        self._pairs: dict[str, tuple[Pair, ...]] = {name: () for name in base.measured.values}
+    study: Study
+    scheduler: Scheduler
+    base: Run
+    _tried: list[_Parts] = field(default_factory=list)
+    _pairs: dict[str, tuple[Pair, ...]] = field(default_factory=dict)
+    _answers: dict[str, Combined] = field(default_factory=dict)
 
     def run(self, targets: Sequence[float], until: float) -> None:
         """Run pairs until each accuracy is proven or has had its tries, or time (s) is out.
@@ -311,38 +308,38 @@ class PairScheduler:
             target, parts = chosen
             tries[target] += 1
             self._tried.append(parts)
-            run = self._scheduler.run_one(_setting(parts), self._cost(parts))
+            run = self.scheduler.run_one(_setting(parts), self._cost(parts))
             if run is not None and not run.measured.failure:
-                self._study.both.append(run)
+                self.study.both.append(run)
                 for name, value in run.measured.values.items():
                     pair = replace(_pair(parts, name), value=value)
-                    self._pairs[name] = (*self._pairs[name], pair)
+                    self._pairs[name] = (*self._pairs.get(name, ()), pair)
                 self._judge()
 
     def _next(
         self, targets: Sequence[float], tries: Counter[float], until: float
     ) -> tuple[float, _Parts] | None:
         """Return the first accuracy that is not proven and the cheapest pair for it."""
-        left = [p for p in product(self._study.space, self._study.time) if p not in self._tried]
-        affordable = [p for p in left if self._study.spent + self._cost(p) <= until]
+        left = [p for p in product(self.study.space, self.study.time) if p not in self._tried]
+        affordable = [p for p in left if self.study.spent + self._cost(p) <= until]
         for target in targets:
-            if self._study.within(target) or tries[target] == _TRIES:
+            if self.study.within(target) or tries[target] == _TRIES:
                 continue
             if good := [p for p in affordable if self._promised(p) <= target]:
                 return target, min(good, key=self._cost)
         return None
 
     def _judge(self) -> None:
-        space, time = self._study.best["space"], self._study.best["time"]
+        space, time = self.study.best["space"], self.study.best["time"]
         self._answers = {
-            name: Combined(space[name], time[name], value, self._pairs[name])
-            for name, value in self._base.measured.values.items()
+            name: Combined(space[name], time[name], value, self._pairs.get(name, ()))
+            for name, value in self.base.measured.values.items()
         }
-        self._study.best["both"] = {name: answer.best for name, answer in self._answers.items()}
+        self.study.best["both"] = {name: answer.best for name, answer in self._answers.items()}
 
     def _promised(self, parts: _Parts) -> float:
         """Return the worst error that a pair should have, that of the best answer included."""
-        mesh, steps = map(self._study.errors, parts)
+        mesh, steps = map(self.study.errors, parts)
         return worst(
             {
                 name: mesh[name] + steps[name] + answer.bound(_pair(parts, name))

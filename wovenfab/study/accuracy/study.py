@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from io import StringIO
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from wovenfab.record.results import write_whole
 from wovenfab.study.accuracy.errors import Best, Refinement, orders_towards
 from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, RMS_BETA, Measured
 from wovenfab.study.accuracy.settings import Setting
+from wovenfab.study.table import markdown, write_csv
 
 #: Accuracies for which the cheapest setting is sought.
 TARGETS = (0.05, 0.01, 0.003, 0.001)
@@ -124,18 +122,9 @@ def refinements(runs: Sequence[Run], name: str) -> list[Refinement]:
     return result
 
 
-def write_csv(study: Study, directory: Path) -> Path:
+def write_table(study: Study, directory: Path) -> Path:
     """Write one row a run in SI units, failed ones too; return the file."""
-    names = list(study.best.get("space", {}))
-    rows = [_row(study, run) for run in (*study.runs, *study.failed)]
-    header = ["stage", "method", "setting", "unknowns", "steps", "newton_iterations", "tangents"]
-    header += ["cutbacks", "wall_s", "setup_s", "stepping_s", "compile_s", "peak_memory_B", *names]
-    header += [f"{kind}_{_without_unit(name)}" for kind in ("error", "order") for name in names]
-    stream = StringIO()
-    writer = csv.DictWriter(stream, [*header, "failure"], lineterminator="\n", restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_whole(directory / TABLE, stream.getvalue())
+    write_csv(directory / TABLE, [_row(study, run) for run in (*study.runs, *study.failed)])
     return directory / TABLE
 
 
@@ -155,13 +144,14 @@ def _row(study: Study, run: Run) -> dict[str, Any]:
         "stepping_s": round(m.stepping, 3),
         "compile_s": round(m.compile, 2),
         "peak_memory_B": m.memory,
-        "failure": m.failure,
     }
-    if not m.failure:
-        row |= m.values
-        row |= {f"error_{_without_unit(n)}": f"{e:.3e}" for n, e in study.errors(run).items()}
-        row |= {f"order_{_without_unit(n)}": o for n, o in study.orders(run).items()}
-    return row
+    names, ended = list(study.best.get("space", {})), not m.failure
+    errors = {name: f"{e:.3e}" for name, e in study.errors(run).items()} if ended else {}
+    orders = study.orders(run) if ended else {}
+    row |= {name: m.values.get(name, "") if ended else "" for name in names}
+    row |= {f"error_{_without_unit(name)}": errors.get(name, "") for name in names}
+    row |= {f"order_{_without_unit(name)}": orders.get(name, "") for name in names}
+    return row | {"failure": m.failure}
 
 
 def _without_unit(name: str) -> str:
@@ -170,27 +160,24 @@ def _without_unit(name: str) -> str:
 
 def answers(study: Study) -> str:
     """Return the best answers and the cheapest settings in Markdown."""
-    lines = ["| quantity | best answer | its error, estimated | by | checked by |"]
-    lines += ["|---|---:|---:|---|---|"]
+    quantities = []
     for name, best in study.best.get(study.final, {}).items():
         title, unit, factor = QUANTITIES[name]
-        lines.append(
-            f"| {title} | {_digits(best, factor)} {unit} | {percent(best.relative)} | "
-            f"{best.method} | {best.check or 'nothing'} |"
-        )
-    lines += ["", "| within | cheapest setting | error | unknowns | steps | wall | peak memory |"]
-    lines += ["|---:|---|---:|---:|---:|---:|---:|"]
-    for target, run in study.chosen.items():
-        if run is None:
-            lines.append(f"| {percent(target)} | not proven in this time | | | | | |")
-            continue
-        m = run.measured
-        errors = ", ".join(study.errors_in_words(run).values())
-        lines.append(
-            f"| {percent(target)} | {run.setting.label} | {errors} | {m.unknowns} | {m.steps} | "
-            f"{m.wall:.1f} s | {m.memory / 1e6:.0f} MB |"
-        )
-    return "\n".join(lines)
+        value, error = f"{_digits(best, factor)} {unit}", percent(best.relative)
+        quantities.append([title, value, error, best.method, best.check or "nothing"])
+    titles = ["quantity", "best answer", "its error, estimated", "by", "checked by"]
+    cheapest = [_cheapest(study, target, run) for target, run in study.chosen.items()]
+    heads = ["within", "cheapest setting", "error", "unknowns", "steps", "wall", "peak memory"]
+    tables = markdown(titles, quantities, (0, 3, 4)), markdown(heads, cheapest, (1,))
+    return "\n\n".join(tables)
+
+
+def _cheapest(study: Study, target: float, run: Run | None) -> list[str]:
+    if run is None:
+        return [percent(target), "not proven in this time", *[""] * 5]
+    m, errors = run.measured, ", ".join(study.errors_in_words(run).values())
+    cost = [str(m.unknowns), str(m.steps), f"{m.wall:.1f} s", f"{m.memory / 1e6:.0f} MB"]
+    return [percent(target), run.setting.label, errors, *cost]
 
 
 def _digits(best: Best, factor: float) -> str:
@@ -211,23 +198,19 @@ def tables(study: Study) -> str:
 
 
 def _table(study: Study, runs: Sequence[Run]) -> str:
-    names = list(study.best["space"])
-    titles = [f"{QUANTITIES[name][0]}: error (order)" for name in names]
-    lines = ["| setting | unknowns | steps | iterations | wall (s) | memory (MB) | "]
-    lines[0] += " | ".join(titles) + " |"
-    lines.append("|---|" + "---:|" * (5 + len(names)))
+    titles = ["setting", "unknowns", "steps", "iterations", "wall (s)", "memory (MB)"]
+    titles += [f"{QUANTITIES[name][0]}: error (order)" for name in study.best["space"]]
+    rows = []
     for run in sorted(runs, key=lambda r: (r.setting.method, -r.size)):
         m, orders = run.measured, study.orders(run)
         steps = f"{m.steps}" + (f" ({m.cutbacks} cut back)" if m.cutbacks else "")
+        cost = [str(m.unknowns), steps, str(m.iterations), f"{m.wall:.1f}", f"{m.memory / 1e6:.0f}"]
         errors = [
             error + (f" ({orders[name]})" if orders.get(name) else "")
             for name, error in study.errors_in_words(run).items()
         ]
-        lines.append(
-            f"| {run.setting.label} | {m.unknowns} | {steps} | {m.iterations} | "
-            f"{m.wall:.1f} | {m.memory / 1e6:.0f} | " + " | ".join(errors) + " |"
-        )
-    return "\n".join(lines)
+        rows.append([run.setting.label, *cost, *errors])
+    return markdown(titles, rows)
 
 
 def percent(share: float) -> str:

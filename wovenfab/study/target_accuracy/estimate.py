@@ -121,12 +121,7 @@ def response_with_degree(
 ) -> Response:
     """Return the response of a case with another degree and a share of its steps; collective.
 
-    Args:
-        case: The case.
-        sheet: Its sheet.
-        degree: Of the elements.
-        share: Of the planned steps.
-        lower: The response of a lower degree with the same steps: the initial guess.
+    The response of a lower degree with the same steps is the initial guess.
     """
     trial = with_elements(with_steps(case, share), degree=degree)
     return response_of(trial, sheet, lower, with_states=True)
@@ -196,11 +191,7 @@ class Estimate:
         return responses[place].model, responses[min(place + 1, len(responses) - 1)].model
 
     def as_dict(self, figures: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
-        """Return the errors for the summary.
-
-        Args:
-            figures: The figures that have these errors, by name.
-        """
+        """Return the errors of figures, by name, for the summary."""
         return {
             name: {
                 "value": figures[name],

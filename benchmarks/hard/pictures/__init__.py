@@ -1,1 +1,0 @@
-"""A picture for each family of hard cases."""
