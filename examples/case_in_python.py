@@ -24,4 +24,4 @@ for stiffness in ("40 N/m", "80 N/m"):
 try:
     wovenfab.Case(sheet={"length": "0.3 m"}, effects={}, boundary={}, program={})
 except wovenfab.CaseError as error:
-    print(f"what is wrong with a case is told as for a file:\n{error}")
+    print(f"errors of a case are reported as for a file:\n{error}")

@@ -81,7 +81,7 @@ class Balance:
             or None.
         loads: Dead loads.
         load_weight: UFL scalar that multiplies the loads in :meth:`potential`.
-        whole: UFL scalar that multiplies all of the tangent but its positive part.
+        geometric_weight: UFL scalar that multiplies the tangent but for its positive part.
     """
 
     terms: tuple[Term, ...]
@@ -95,7 +95,7 @@ class Balance:
     held_edges: tuple[Any | None, Any | None] = (None, None)
     loads: tuple[Load, ...] = ()
     load_weight: Any = 1
-    whole: Any = 1
+    geometric_weight: Any = 1
 
     @property
     def second_gradient(self) -> bool:
@@ -149,7 +149,7 @@ class Balance:
             total += second_variation(self._density_of(others), point, s, t)
         for term in strained:
             strains = _bound(term.effect.strains, term.values)
-            total += strain_variation(strains, point, s, t, self.whole, before)
+            total += strain_variation(strains, point, s, t, self.geometric_weight, before)
         return total * self._dx
 
     @property
@@ -206,12 +206,14 @@ class Balance:
             facet = facet_of(field, self.fibres, family, penalty, normal)
             vary = partial(facet_variation, fibres=self.fibres, family=family)
             where = self.facets[family](metadata=rule)
-            found.append(FacetTerm(facet, on_facets, vary, where, self.whole))
+            found.append(FacetTerm(facet, on_facets, vary, where, self.geometric_weight))
         if on_edges and held is not None:
             penalty = edge_penalty(mesh, self.degree, self.penalty)
             edge = edge_of(field, self.fibres, family, penalty, normal)
             vary = partial(edge_variation, fibres=self.fibres, family=family)
-            found.append(FacetTerm(edge, on_edges, vary, held(metadata=rule), self.whole))
+            found.append(
+                FacetTerm(edge, on_edges, vary, held(metadata=rule), self.geometric_weight)
+            )
         return found
 
 

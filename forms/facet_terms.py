@@ -20,14 +20,14 @@ class FacetTerm:
         terms: The effects with what their energies per length (J/m) consist of.
         vary: Variations of the place's measures by a test or trial field.
         measure: UFL measure.
-        whole: UFL scalar that multiplies all of the tangent but its positive part.
+        geometric_weight: UFL scalar that multiplies the tangent but for its positive part.
     """
 
     place: Facet | Edge
     terms: Sequence[tuple[Term, Callable[[Any, Values], tuple[Strain, ...]]]]
     vary: Callable[[Any], list[Any]]
     measure: Any
-    whole: Any = 1
+    geometric_weight: Any = 1
 
     def potential(self) -> Any:
         """Return the energy (J), each term times its weight."""
@@ -41,7 +41,9 @@ class FacetTerm:
     def jacobian(self, trial: Any, test: Any) -> Any:
         """Return the second variation of the energy for a trial and a test field."""
         s, t = self.vary(trial), self.vary(test)
-        return strain_variation(self._strains, self.place, s, t, self.whole) * self.measure
+        return (
+            strain_variation(self._strains, self.place, s, t, self.geometric_weight) * self.measure
+        )
 
     def _strains(self, place: Any) -> tuple[Strain, ...]:
         return tuple(s for term, strains in self.terms for s in strains(place, term.values))

@@ -46,7 +46,7 @@ def strain_variation(
     place: Place,
     trial: Sequence[Any],
     test: Sequence[Any],
-    whole: Any = 1,
+    geometric_weight: Any = 1,
     last: Place | None = None,
 ) -> Any:
     """Return the second variation of a sum of terms that are quadratic in strains.
@@ -63,7 +63,7 @@ def strain_variation(
         place: A point, facet or edge of the present state.
         trial: Variations of the place's measures by the trial field.
         test: The same by the test field.
-        whole: Factor of all but the positive part.
+        geometric_weight: Factor of all but the positive part.
         last: The place at the last iterate; None for no linearisation.
     """
     labelled, before = label(place), None if last is None else label(last)
@@ -91,10 +91,10 @@ def strain_variation(
         source = old if now.mixed else now
         for (a, b), (u, v) in zip(_products(now), _products(source), strict=True):
             if now.other is None:
-                part = first(a, trial) * first(a, test) + whole * force(u) * second(a)
+                part = first(a, trial) * first(a, test) + geometric_weight * force(u) * second(a)
             else:
                 part = first(a, trial) * first(b, test) + first(b, trial) * first(a, test)
-                part = whole * (part + force(u) * second(b) + force(v) * second(a))
+                part = geometric_weight * (part + force(u) * second(b) + force(v) * second(a))
             total += now.stiffness * part
     return total
 

@@ -16,7 +16,8 @@ from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import Problem
 from wovenfab.stepping.step_size import CUT, StepSizeControl
 from wovenfab.study.table import markdown
 
@@ -69,6 +70,36 @@ class Counted(EquilibriumSolver):
         return result
 
 
+class _UnlimitedNewton(NewtonSolver):
+    """Newton's method whose steps may cross the families."""
+
+    def admissible_length(self, y: Any) -> float:
+        """Note the step and take all of it."""
+        super().admissible_length(y)
+        return 1.0
+
+
+class Unlimited(EquilibriumSolver):
+    """The solver without the step limit."""
+
+    newton_solver = _UnlimitedNewton
+
+
+class _UnsearchedNewton(NewtonSolver):
+    """Newton's method without line search."""
+
+    def search_line(self, x: Any, y: Any, longest: float) -> float:
+        """Take the longest step."""
+        self._search.forget()
+        return longest
+
+
+class Unsearched(EquilibriumSolver):
+    """The solver without line search."""
+
+    newton_solver = _UnsearchedNewton
+
+
 class _PatientNewton(NewtonSolver):
     """Goes on after searches that find no lower potential, to the last iteration."""
 
@@ -97,7 +128,7 @@ class _TrustRegionNewton(NewtonSolver):
     def evaluate_objective(self, snes: Any, x: Any) -> float:
         """Return the potential, J; infinite where families cross."""
         energy = super().evaluate_objective(snes, x)
-        return energy if self.barrier.margin() > 0 else float("inf")
+        return energy if self.crossing.margin() > 0 else float("inf")
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
         """Put the tangent in the matrix, in a trust region the plain one."""
@@ -128,6 +159,14 @@ class TrustRegion(Counted):
         second = super().solve()
         self.solves -= 1
         return replace(second, iterations=first.iterations + second.iterations)
+
+
+class Shifted(Counted):
+    """Shifts every indefinite tangent until it is definite."""
+
+    def __init__(self, problem: Problem, options: SolverOptions) -> None:
+        """Create it as usual, with shifts."""
+        super().__init__(problem, replace(options, descend=True))
 
 
 class Halving(StepSizeControl):
@@ -176,13 +215,9 @@ class Tally:
 def _by(
     solver: type[Counted],
     step_size: Callable[[float], StepSizeControl] = StepSizeControl,
-    **controls: Any,
 ) -> Callable[[Setting], Tally]:
     def run(setting: Setting) -> Tally:
-        measurement = Measurement(
-            replace(setting, controls=controls), solver=solver, step_size=step_size
-        ).run()
-        return _tally(measurement)
+        return _tally(Measurement(setting, solver=solver, step_size=step_size).run())
 
     return run
 
@@ -226,7 +261,7 @@ WAYS: Mapping[str, Callable[[Setting], Tally]] = {
     "searches without success go on": _by(Patient),
     "halving, without memory": _by(Counted, Halving),
     "halving, searches go on": _by(Patient, Halving),
-    "shift to a definite tangent": _by(Counted, descend=True),
+    "shift to a definite tangent": _by(Shifted),
     "trust region (newtontr)": _by(TrustRegion),
     "continuation in K_e, no cuts": _continued,
 }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from benchmarks.hard.row import Figures, Setting
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
-from wovenfab.simulation.from_case import options_of, sheet_of
+from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Observer, Simulation
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.stability import StabilityLoss
@@ -39,7 +38,7 @@ class Measurement:
         self,
         setting: Setting,
         comm: MPI.Comm | None = None,
-        solver: type[EquilibriumSolver] = EquilibriumSolver,
+        solver: type[EquilibriumSolver] | None = None,
         step_size: Callable[[float], StepSizeControl] = StepSizeControl,
     ) -> None:
         """Compile the case of a setting; collective.
@@ -47,14 +46,13 @@ class Measurement:
         Args:
             setting: The case.
             comm: Its ranks; all unless given.
-            solver: Another solver, for comparison.
+            solver: Another solver than the setting's, for comparison.
             step_size: Another step size control, for comparison.
         """
         case = setting.case
-        options = replace(options_of(case), **setting.controls)
         sheet = sheet_of(case, comm or MPI.COMM_WORLD)
         self.simulation = Simulation(
-            case, sheet, options=options, solver=solver, step_size=step_size
+            case, sheet, solver=solver or setting.solver, step_size=step_size
         )
         self.steps: list[Step] = []
         self.margins: list[float] = []

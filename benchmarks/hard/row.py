@@ -10,6 +10,7 @@ from typing import Any
 
 from wovenfab.case import Case, read_case
 from wovenfab.record.results import Provenance
+from wovenfab.solver.equilibrium import EquilibriumSolver
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -21,12 +22,12 @@ class Setting:
     Attributes:
         base: Name of a case in configs/.
         overrides: What ``--set`` would change.
-        controls: Controls of the solver other than the case's; only tests give any.
+        solver: The solver; only tests and comparisons give another one.
     """
 
     base: str
     overrides: tuple[str, ...] = ()
-    controls: Mapping[str, Any] = field(default_factory=dict)
+    solver: type[EquilibriumSolver] = EquilibriumSolver
 
     def but(self, *overrides: str) -> Setting:
         """Return the setting with more changes."""
@@ -177,9 +178,9 @@ class Row:
             self, setting=self.setting.but(*self.quick), bounds=(*others, *self.quick_bounds)
         )
 
-    def with_controls(self, **controls: Any) -> Row:
+    def with_solver(self, solver: type[EquilibriumSolver]) -> Row:
         """Return the row with another solver."""
-        return replace(self, setting=replace(self.setting, controls=controls))
+        return replace(self, setting=replace(self.setting, solver=solver))
 
     def run(self) -> Figures:
         """Measure; collective."""

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks.hard.alternatives import Unlimited, Unsearched
 from benchmarks.hard.families import row_named
 from benchmarks.hard.row import Row, problems
 
@@ -20,13 +21,13 @@ def plain(row: Row) -> Row:
 
 
 def unlimited(row: Row) -> Row:
-    """Return the row with steps that may cross the barrier."""
-    return row.with_controls(step_limit=False)
+    """Return the row with steps that may cross the families."""
+    return row.with_solver(Unlimited)
 
 
 def unsearched(row: Row) -> Row:
     """Return the row without line search."""
-    return row.with_controls(line_search=False)
+    return row.with_solver(Unsearched)
 
 
 def missed(change: Change, name: str) -> str:

@@ -133,7 +133,7 @@ def test_the_positive_part_of_a_tangent_is_positive_where_the_whole_one_is_not(
 ) -> None:
     model, lowest = scene(effect), []
     for share in (1.0, 0.0):
-        model.whole.value = share
+        model.geometric_weight.value = share
         matrix = scenes.tangent(model)
         values = np.linalg.eigvalsh(matrix.convert("dense").getDenseArray())
         matrix.destroy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver.globalisation import CROSSING_SHARE, first_crossing
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.newton import NewtonSolver
 
 SHORT = 0.6  # 1:2, locks at 0.124 m
 Array = NDArray[np.float64]
@@ -113,10 +115,10 @@ def test_no_random_direction_takes_a_step_out_of_the_admissible_set() -> None:
     equilibrium.destroy()
 
 
-def visited(controls: SolverOptions, displacement: float, size: float) -> tuple[list[float], bool]:
+def visited(displacement: float, size: float) -> tuple[list[float], bool]:
     """Return the margin of every iterate of one large step, and whether it converged."""
     model = scenes.model(scenes.sheet(SHORT, mesh_size=size), scenes.BONDED, scenes.PROTOTYPE)
-    equilibrium = scenes.solver(model, controls=controls)
+    equilibrium = scenes.solver(model)
     constraints = equilibrium.problem.constraints
     margins = []
     equilibrium.newton.snes.setMonitor(lambda *_: margins.append(equilibrium.crossing.margin()))
@@ -129,14 +131,24 @@ def visited(controls: SolverOptions, displacement: float, size: float) -> tuple[
 
 @pytest.mark.parametrize("displacement", [0.13, 0.2, 0.3])
 def test_every_iterate_of_a_step_far_beyond_locking_is_admissible(displacement: float) -> None:
-    margins, _ = visited(SolverOptions(), displacement, 0.05)
+    margins, _ = visited(displacement, 0.05)
     assert min(margins) >= 0
 
 
-def test_without_the_limit_a_step_tunnels_through_the_barrier_and_even_converges() -> None:
-    margins, converged = visited(SolverOptions(step_limit=False), 0.13, 0.05)
+def unlimited(newton: NewtonSolver, y: Any) -> float:
+    """Note the step and take all of it."""
+    newton.step[:] = -y.array_r
+    return 1.0
+
+
+def test_without_the_limit_a_step_tunnels_through_the_barrier_and_even_converges(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(NewtonSolver, "admissible_length", unlimited)
+    margins, converged = visited(0.13, 0.05)
     assert converged and margins[-1] < -0.1
-    margins, converged = visited(SolverOptions(), 0.13, 0.05)
+    monkeypatch.undo()
+    margins, converged = visited(0.13, 0.05)
     assert converged and margins[-1] > 0.1
 
 

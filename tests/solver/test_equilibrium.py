@@ -154,7 +154,7 @@ def test_an_exception_restores_what_is_overwritten_for_a_moment(
 
     model = bonded(scenes.PROTOTYPE, 0.15)
     equilibrium = scenes.solver(model)
-    newton, constants = equilibrium.newton, [model.whole, *model.weights.values()]
+    newton, constants = equilibrium.newton, [model.geometric_weight, *model.weights.values()]
     x, y = newton.solution.copy(), newton.solution.copy()
     y.set(1e-3)
     monkeypatch.setattr("wovenfab.model.model.assemble_scalar", fail)
@@ -162,18 +162,17 @@ def test_an_exception_restores_what_is_overwritten_for_a_moment(
     monkeypatch.setattr(type(equilibrium.problem), "evaluate_tangent", fail)
     monkeypatch.setattr(TangentSpectrum, "saddle", True)
     monkeypatch.setattr(newton._search, "along", lambda *_, **__: 0.5)
-    for attempt in (model.stored_energy, lambda: newton._go_down(x, y, 1.0)):
+    for attempt in (model.stored_energy, lambda: newton.search_line(x, y, 1.0)):
         with pytest.raises(MemoryError):
             attempt()
         assert [float(constant.value) for constant in constants] == [1.0] * len(constants)
     before, search = (
         model.field.x.array.copy(),
-        LineSearch(equilibrium.problem, equilibrium.crossing),
+        LineSearch(equilibrium.problem),
     )
     search.potential = 0.0
-    equilibrium.crossing.limit(y.array_r)
     with pytest.raises(MemoryError):
-        search.along(1.0, 1.0, lambda energy: 0.0)
+        search.along(y.array_r, 1.0, 1.0, lambda energy: 0.0)
     assert (model.field.x.array == before).all()
     for vector in (x, y):
         vector.destroy()

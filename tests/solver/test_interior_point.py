@@ -43,12 +43,12 @@ def solve(
             return db, interior.move(excess + tangent * db, aim)
 
         _, move = step(interior.aim(value, 0.0))
-        length = min(1.0, interior.farthest(move))
+        length = min(1.0, interior.longest(move))
         now = interior.gap()
         level = (interior.gap(move, length) / now) ** 3 * now / (2 * len(b))
         db, move = step(interior.aim(value, level, move))
-        length = min(1.0, 0.995 * interior.farthest(move))
-        interior.go(move, length)
+        length = min(1.0, 0.995 * interior.longest(move))
+        interior.advance(move, length)
         b = b + length * db
         missed = np.abs(force - stiffness @ b - interior.stress).max()
         most = 1e-11 * max(interior.loss(), size * bound.sum())

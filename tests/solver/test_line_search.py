@@ -51,12 +51,10 @@ class Slope:
 
     def __init__(self, *values: float) -> None:
         """Begin at the first value, with steps of length 1."""
-        self.field = SimpleNamespace(x=SimpleNamespace(array=np.zeros(1)))
-        system: Any = SimpleNamespace(model=SimpleNamespace(field=self.field), energy=self.energy)
-        barrier: Any = SimpleNamespace(
-            direction=SimpleNamespace(x=SimpleNamespace(array=np.ones(1)))
-        )
-        self.values, self.search = values, LineSearch(system, barrier)
+        unknowns = SimpleNamespace(array=np.zeros(1), scatter_forward=lambda: None)
+        self.field = SimpleNamespace(x=unknowns)
+        problem: Any = SimpleNamespace(model=SimpleNamespace(field=self.field), energy=self.energy)
+        self.values, self.search = values, LineSearch(problem)
 
     def energy(self) -> float:
         """Return the potential, by straight lines between its values."""
@@ -64,7 +62,7 @@ class Slope:
 
     def go(self, loose: bool = True) -> float:
         """Search from here, go there, and return how far."""
-        length = self.search.along(1.0, 1.0, lambda energy: 0.0, loose)
+        length = self.search.along(np.ones(1), 1.0, 1.0, lambda energy: 0.0, loose)
         self.field.x.array += length
         return length
 

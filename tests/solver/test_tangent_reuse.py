@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.model.model import Numerics
-from wovenfab.solver.convergence import Convergence
+from wovenfab.solver.globalisation import Convergence
 from wovenfab.solver.linear import LEFT, LONGEST_WAIT, TangentReuse
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.options import SolverOptions

@@ -97,7 +97,7 @@ def critical() -> float:
         middle = (low + high) / 2
         straight(model, middle)
         equilibrium.spectrum._refactor()
-        low, high = (low, middle) if equilibrium.spectrum._factor.negatives else (middle, high)
+        low, high = (low, middle) if equilibrium.spectrum._linear.negatives else (middle, high)
     equilibrium.destroy()
     return low
 
@@ -158,8 +158,8 @@ def test_a_null_pivot_is_not_negative() -> None:
     diagonal.array_w[5] = -1.0
     matrix.setDiagonal(diagonal)
     matrix.assemble()
-    inertia._factor.renew()
-    assert inertia._factor.negatives == 1
+    inertia._linear.renew()
+    assert inertia._linear.negatives == 1
     diagonal.destroy()
     equilibrium.destroy()
 
@@ -173,10 +173,10 @@ def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:
     x, force, step = (equilibrium.newton.solution.duplicate() for _ in range(3))
     x.array_w[:] = model.field.x.array
     equilibrium.newton.evaluate_residual(None, x, force)
-    equilibrium.spectrum._factor.renew()
-    equilibrium.spectrum._factor.solve(force, step)
+    equilibrium.spectrum._linear.renew()
+    equilibrium.spectrum._linear.solve(force, step)
     assert force.dot(step) < 0  # x - step has a higher potential
-    equilibrium.spectrum.descend(force, step)
+    equilibrium.spectrum.shift(force, step)
     assert force.dot(step) > 0
     for vector in (x, force, step):
         vector.destroy()

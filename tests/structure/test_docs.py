@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import pkgutil
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,7 @@ import wovenfab
 ROOT = Path(__file__).parents[2]
 FOLDERS = "wovenfab|forms|tests|benchmarks|configs|docs|paper|examples|meshes|env"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+CHANGELOG = ROOT / "CHANGELOG.md"
 EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
 _LINK = re.compile(r"\]\(([^)\s]+)\)|<img src=\"([^\"]+)\"")
@@ -57,7 +59,7 @@ def test_every_path_that_is_named_exists(page: Path) -> None:
     assert not missing
 
 
-@EACH_PAGE
+@pytest.mark.parametrize("page", [*PAGES, CHANGELOG], ids=lambda page: page.name)
 def test_every_relative_link_leads_to_a_file_and_a_heading(page: Path) -> None:
     for link in links(page):
         name, _, anchor = link.partition("#")
@@ -67,7 +69,7 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(page: Path) -> None:
 
 
 @EACH_PAGE
-def test_every_make_target_and_module_that_is_named_exists(page: Path) -> None:
+def test_every_make_target_and_python_name_exists(page: Path) -> None:
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"^([a-z-]+):", makefile, re.MULTILINE))
     for command in commands(page):
@@ -75,6 +77,17 @@ def test_every_make_target_and_module_that_is_named_exists(page: Path) -> None:
             assert target in targets, command
         for module in re.findall(r"python3 -m ([\w.]+)", command):
             assert importlib.util.find_spec(module), command
+        if re.fullmatch(r"wovenfab(\.\w+)+", command):
+            assert pkgutil.resolve_name(command)
+
+
+def test_classes_and_functions_of_the_architecture_are_in_the_files_beside_them() -> None:
+    page = ROOT / "docs" / "architecture.md"
+    for line in page.read_text(encoding="utf-8").splitlines():
+        files = re.findall(r"\]\(([^)]+\.py)\)", line)
+        code = "".join((page.parent / name).read_text(encoding="utf-8") for name in files)
+        names = re.findall(r"`(?:[A-Z]\w+\.)?([A-Za-z]\w+)`", line) if line[:1] == "|" else []
+        assert not files or all(re.search(rf"\b{name}\b", code) for name in names), line
 
 
 @pytest.mark.parametrize("code", python_blocks())

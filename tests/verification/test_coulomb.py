@@ -119,7 +119,7 @@ def test_the_stress_is_never_above_its_bound_and_no_step_gains_energy(
     largest = []
 
     def look(_: Step) -> None:
-        largest.append(max(float(np.abs(c.stress.x.array).max()) for c in model.carried))
+        largest.append(max(float(np.abs(c.stress.x.array).max()) for c in model.point_frictions))
 
     steps = scenes.march(model, route(), scheme, look=look)
     assert max(largest) <= KINDS[kind]
@@ -174,6 +174,6 @@ def with_same_rule(kind: str, law: str, slope: float = 1.0) -> Model:
 
 def test_a_scene_without_it_builds_nothing_of_it() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
-    assert plain.carried == plain.push == plain.loss == ()
-    assert len(sheet_with("slip_friction").carried) == 1
+    assert plain.point_frictions == plain.friction_force == plain.loss == ()
+    assert len(sheet_with("slip_friction").point_frictions) == 1
     assert {e.law for e in effects()["slip_friction"].all_laws} == {"smooth", "coulomb"}

@@ -1,23 +1,27 @@
-"""How a model is built from what a scene says: its symbols, and forms compiled from them."""
+"""The model of a scene: its symbols, and the forms compiled from them.
+
+A second model of the same scene has the stress of bounded friction at quadrature points.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
 
 from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
-from forms.point_friction import PointFriction
+from forms.point_friction import PointFriction, components_of
 from wovenfab.model.assembly import crossed_facets
 from wovenfab.model.compiler import compile_sums
 from wovenfab.model.constraints import EdgeLoad, dead_loads_on
 from wovenfab.model.model import LOAD, Model, Numerics, Value
-from wovenfab.model.point_stress import point_friction_forms, point_friction_of
 from wovenfab.model.spaces import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
@@ -51,7 +55,7 @@ def build_model(
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
     on_edges = partial(_measure, mesh, sheet)
-    load_weight, friction, whole = (_constant(mesh, 1.0) for _ in range(3))
+    load_weight, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(3))
     loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
@@ -65,13 +69,13 @@ def build_model(
         held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
         loads=loading.loads,
         load_weight=load_weight,
-        whole=whole,
+        geometric_weight=geometric_weight,
     )
     degree = numerics.friction or max(numerics.degree - 1, 1)
-    carried = tuple(
+    frictions = tuple(
         point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
-    sums = _sums_of(balance, placements, last if numerics.mixed else None, carried)
+    sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
     return Model(
         sheet=sheet,
         effects=tuple(effects),
@@ -82,17 +86,17 @@ def build_model(
         history=history,
         rate_weights=rate_weights,
         friction=friction,
-        whole=whole,
+        geometric_weight=geometric_weight,
         loading=loading,
         balance=balance,
         weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
-        carried=carried,
+        point_frictions=frictions,
         **compile_sums(sums, mesh.comm),
     )
 
 
 def _sums_of(
-    balance: Balance, placements: Placements, last: Any, carried: Sequence[PointFriction]
+    balance: Balance, placements: Placements, last: Any, frictions: Sequence[PointFriction]
 ) -> dict[str, list[Any]]:
     """Return the forms by the names of a model's attributes: inside the sheet, on its lines.
 
@@ -112,7 +116,7 @@ def _sums_of(
             sums["jacobian"].append(sum(line.jacobian(trial, test) for line in lines))
             sums["residual"].append(sum(line.residual(test) for line in lines))
             sums["potential"].append(sum(line.potential() for line in lines))
-    more = point_friction_forms(carried, placements.space)
+    more = point_friction_forms(frictions, placements.space)
     return {name: [*sums.get(name, ()), *more.get(name, ())] for name in {**sums, **more}}
 
 
@@ -140,3 +144,57 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
         else _symbol(mesh, value)
         for name, value in values.items()
     }
+
+
+def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
+    """Return a bounded friction with its stress at the points of a quadrature rule."""
+    element = basix.ufl.quadrature_element(
+        mesh.basix_cell(),
+        value_shape=(components_of(term, balance),),
+        scheme="default",
+        degree=degree,
+    )
+    space = fem.functionspace(mesh, element)
+    return PointFriction(term, balance, fem.Function(space), fem.Function(space), degree)
+
+
+def point_friction_forms(
+    frictions: Sequence[PointFriction], space: fem.FunctionSpace
+) -> dict[str, list[Any]]:
+    """Return what point frictions add to a model: forms in UFL by the model's attributes."""
+    trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    return {
+        "jacobian": [f.jacobian(trial, test) for f in frictions],
+        "friction_force": [f.residual(test) for f in frictions],
+        "loss": [f.loss() for f in frictions if f.term.effect.set_valued],
+    }
+
+
+def with_point_friction(model: Model) -> Model:
+    """Return a model of the same fields with the stress of every bounded friction at points.
+
+    Its discrete problem is the same: the smooth laws stand at the points where the forms
+    of ``model`` have them.
+    """
+    terms = model.balance.terms
+    balance = replace(model.balance, terms=tuple(t for t in terms if t.effect.bound is None))
+    more = [
+        point_friction_of(t, balance, model.sheet.mesh, balance.quadrature)
+        for t in terms
+        if t.effect.bound is not None
+    ]
+    trial, test = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
+    last = model.last if model.numerics.mixed else None
+    inside = {"jacobian": balance.jacobian(trial, test, last), "residual": balance.residual(test)}
+    added = point_friction_forms(more, model.space)
+    compiled = compile_sums(
+        {**added, **{f"inside {k}": [f] for k, f in inside.items()}}, model.comm
+    )
+    # The first form of each sum is of what is inside the sheet; those on lines stay.
+    return replace(
+        model,
+        point_frictions=(*model.point_frictions, *more),
+        jacobian=(*compiled["inside jacobian"], *model.jacobian[1:], *compiled["jacobian"]),
+        residual=(*compiled["inside residual"], *model.residual[1:]),
+        friction_force=(*model.friction_force, *compiled["friction_force"]),
+    )

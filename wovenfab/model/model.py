@@ -61,16 +61,16 @@ class Model:
         last: Displacement of the last iterate (mixed-integration-point tangent).
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
-        friction: Factor of all friction: 1, or 0 where the sheet shall come to rest.
-        whole: 1 for the whole tangent, 0 for its positive part (``forms.variation``).
+        friction: Factor of all friction: 1, or 0 for an initial state.
+        geometric_weight: 1 for the tangent, 0 for its positive part (``forms.variation``).
         loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
-            of the carried stresses.
+            of point frictions.
         power: Compiled form of the dissipated power; empty without a rate.
         weights: Constant that scales an effect's share in potential, power and loss.
-        carried: Frictions whose stress is carried at quadrature points.
-        push: Compiled forms of the force of their stresses.
+        point_frictions: Frictions whose stress is a variable at quadrature points.
+        friction_force: Compiled forms of the force of their stresses.
         loss: Compiled forms of the energy that set-valued laws dissipate in the step.
     """
 
@@ -83,17 +83,17 @@ class Model:
     history: tuple[fem.Function, ...]
     rate_weights: tuple[fem.Constant, ...]
     friction: fem.Constant
-    whole: fem.Constant
+    geometric_weight: fem.Constant
     loading: DeadLoads
     balance: Balance
     residual: Sum
     jacobian: Sum
     potential: Sum
     power: Sum
-    push: Sum
+    friction_force: Sum
     loss: Sum
     weights: Mapping[str, fem.Constant]
-    carried: tuple[PointFriction, ...]
+    point_frictions: tuple[PointFriction, ...]
 
     @property
     def comm(self) -> MPI.Comm:

@@ -1,7 +1,4 @@
-"""Whether the penalty holds the bending energy together.
-
-Why an equilibrium was not found: the worst point, the probable cause and a remedy.
-"""
+"""Why an equilibrium was not found: the worst point, the probable cause and a remedy."""
 
 from __future__ import annotations
 
@@ -12,13 +9,20 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.linear import COUNT_NULL, NEGATIVE, NULL, create_direct
 from wovenfab.solver.options import SolveResult
-from wovenfab.solver.tangent_spectrum import Pivots, null_vector, pivots_of
+
+Array = NDArray[np.float64]
+#: Sine of the angle between the families below which a sheet counts as locked (6°).
+LOCKED = 0.1
+#: Shift over the largest diagonal entry, and inverse iterations, for a null vector.
+NULL_SHIFT, NULL_ITERATIONS = 1e-12, 3
 
 
 def proven_penalty(model: Model) -> float:
@@ -53,14 +57,9 @@ def _areas(mesh: Any) -> NDArray[np.float64]:
     return np.asarray(np.abs(x * v - y * u) / 2)
 
 
-Array = NDArray[np.float64]
-#: Sine of the angle between the families below which a sheet counts as locked (6°).
-LOCKED = 0.1
-
-
 @dataclass(frozen=True)
 class Location:
-    """A quadrature point, of a cell or on its edges, in the last solver.
+    """A quadrature point, of a cell or on its edges, in the last equilibrium.
 
     Attributes:
         x, y: Position at rest, m.
@@ -112,7 +111,7 @@ def diagnose(solver: EquilibriumSolver, result: SolveResult, before: Array) -> D
 
     Args:
         solver: The solver as the failure left it. The field of its problem is the failed
-            iterate; it is left with the last solver.
+            iterate; it is left with the last equilibrium.
         result: How it ended.
         before: The last equilibrium (all unknowns of this rank, ghosts included), m.
     """
@@ -124,21 +123,18 @@ def diagnose(solver: EquilibriumSolver, result: SolveResult, before: Array) -> D
         cause = f"the energy of {names} is not a number there"
         remedy = "take smaller steps, or mend the formula or the effect"
         return Diagnosis(cause, remedy, _place(solver, scores))
-    motion = np.nan_to_num(crossing.motion())
+    motion = np.nan_to_num(crossing.motion(solver.newton.step))
     model.field.x.array[:] = before
     margins = crossing.margins()
     tangent = solver.tangent()
-    pivots = pivots_of(tangent)
-    if pivots.null:
-        start = tangent.createVecRight()
-        start.set(1.0)
-        loose = _by_cell(model, np.abs(null_vector(tangent, start)))
-        start.destroy()
+    negatives, nulls = pivots_of(tangent)
+    if nulls:
+        loose = _by_cell(model, np.abs(null_vector(tangent)))
         cause = "the stiffness is singular: something moves there and no effect resists it"
         remedy = "hold more edges, or add an effect that resists, such as shear"
         return Diagnosis(cause, remedy, _place(solver, _spread(loose, motion)))
     least = float(comm.allreduce(float(margins.min(initial=np.inf)), op=MPI.MIN))
-    cause, remedy = _named(solver, result, pivots, least)
+    cause, remedy = _named(solver, result, negatives, least)
     return Diagnosis(cause, remedy, _place(solver, -margins if least < LOCKED else motion))
 
 
@@ -160,11 +156,11 @@ def unsound_penalty(solver: EquilibriumSolver) -> Diagnosis | None:
     if not model.balance.second_gradient or float(given.value) >= proven_penalty(model):
         return None
     cause, remedy = _too_small(model, float(given.value))
-    return Diagnosis(cause, remedy, _place(solver, solver.crossing.motion()))
+    return Diagnosis(cause, remedy, _place(solver, solver.crossing.motion(solver.newton.step)))
 
 
 def _named(
-    solver: EquilibriumSolver, result: SolveResult, pivots: Pivots, least: float
+    solver: EquilibriumSolver, result: SolveResult, negatives: int, least: float
 ) -> tuple[str, str]:
     """Return cause and remedy of a failure that leaves numbers and a regular tangent."""
     model = solver.problem.model
@@ -177,16 +173,16 @@ def _named(
         )
     needed = proven_penalty(model)
     given = model.balance.penalty
-    if given is not None and pivots.negative and float(given.value) < needed:
+    if given is not None and negatives and float(given.value) < needed:
         return _too_small(model, float(given.value))
     if least < LOCKED:
         return (
             "the sheet locks: the yarns of the two families all but align there",
             "end the program earlier, or refine the mesh if the sheet should not be locked yet",
         )
-    if pivots.negative:
+    if negatives:
         return (
-            f"the last equilibrium is not stable ({pivots.negative} ways to fall off it), as of a "
+            f"the last equilibrium is not stable ({negatives} ways to fall off it), as of a "
             "sheet that buckles",
             "push less, or hold or stiffen what gives way",
         )
@@ -234,6 +230,48 @@ def _by_cell(model: Model, values: Array) -> Array:
     return np.asarray(by_block[places.blocks[:count].reshape(count, -1)].max(axis=1))
 
 
+def pivots_of(matrix: Any) -> tuple[int, int]:
+    """Return the numbers of negative and of null pivots of a symmetric matrix; collective."""
+    direct = _factorised(matrix)
+    factor = direct.getPC().getFactorMatrix()
+    negatives, nulls = (int(factor.getMumpsInfog(i)) for i in (NEGATIVE, NULL))
+    direct.destroy()
+    return negatives, nulls
+
+
+def null_vector(matrix: Any) -> Array:
+    """Return the direction that a (nearly) singular matrix resists least; collective.
+
+    Args:
+        matrix: Symmetric; it is left with a tiny shift.
+
+    Returns:
+        At this rank's own unknowns, of length one over all.
+    """
+    diagonal = matrix.getDiagonal()
+    matrix.shift(NULL_SHIFT * (diagonal.norm(PETSc.NormType.INFINITY) or 1.0))
+    direct, (vector, image) = _factorised(matrix), matrix.createVecs()
+    vector.set(1.0)
+    for _ in range(NULL_ITERATIONS):
+        direct.solve(vector, image)
+        image.scale(1 / (image.norm() or 1.0))
+        image.copy(vector)
+    values = np.array(vector.array_r)
+    for item in (direct, vector, image, diagonal):
+        item.destroy()
+    return values
+
+
+def _factorised(matrix: Any) -> Any:
+    """Return a direct solver that counts null pivots; a user's options are not for this one."""
+    direct = create_direct(matrix.comm, "pivots_", options=False)
+    direct.setOperators(matrix)
+    direct.getPC().setFactorSetUpSolverType()
+    direct.getPC().getFactorMatrix().setMumpsIcntl(COUNT_NULL, 1)
+    direct.setUp()
+    return direct
+
+
 def _spread(by_cell: Array, like: Array) -> Array:
     return np.broadcast_to(by_cell[:, None], like.shape)
 
@@ -246,16 +284,15 @@ def _place(solver: EquilibriumSolver, scores: Array) -> Location:
     )
     values, positions = probe.values(), probe.positions()
     margins = solver.crossing.margins()
-    best = scores.max(initial=-np.inf)
-    found = None
+    best, location = scores.max(initial=-np.inf), None
     if scores.size:
         at = np.unravel_index(int(scores.argmax()), scores.shape)
         slip = float(values["beta"][at][0]) if "beta" in values else None
         stretches = (float(values["stretch_1"][at][0]), float(values["stretch_2"][at][0]))
         x, y = positions[at]
         shear = float(values["shear_angle"][at][0])
-        found = Location(float(x), float(y), shear, stretches, slip, float(margins[at]))
-    places = model.comm.allgather((float(best), found))
+        location = Location(float(x), float(y), shear, stretches, slip, float(margins[at]))
+    places = model.comm.allgather((float(best), location))
     place: Location | None = max(places, key=lambda p: p[0])[1]
     assert place is not None
     return place

@@ -1,28 +1,32 @@
 """The equilibrium of a problem: Newton's method, and stress at points where friction is sharp.
 
-Where friction is too sharp for Newton's method on the smooth law, its stress becomes a variable
-at quadrature points from then on. The factor of the tangent judges each solution.
+Where Newton's method fails on the smooth friction law, the stress becomes a variable at
+quadrature points from then on. The factor of the tangent shows whether a solution is a minimum.
 """
 
 from __future__ import annotations
 
+import logging
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.build import with_point_friction
 from wovenfab.model.model import Model
-from wovenfab.model.point_stress import with_point_friction
 from wovenfab.solver.globalisation import CrossingLimit
 from wovenfab.solver.linear import LinearSolver, create_direct
-from wovenfab.solver.newton import NewtonSolver, PetscOptions, reason_of
-from wovenfab.solver.options import SolveResult, SolverOptions
-from wovenfab.solver.point_friction import PointStress
+from wovenfab.solver.newton import NewtonSolver
+from wovenfab.solver.options import PetscOptions, SolveResult, SolverOptions
 from wovenfab.solver.problem import Problem
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
-#: Iterations after which friction that allows it gets its stress at points.
+if TYPE_CHECKING:
+    from wovenfab.solver.point_friction import PointStress
+
+logger = logging.getLogger(__name__)
+#: Iterations after which bounded friction gets its stress at points.
 SMOOTH_ITERATIONS = 12
 
 
@@ -34,6 +38,7 @@ class EquilibriumSolver:
         crossing: Where the families would cross along a direction.
         linear: Solves Newton's linear systems.
         newton: Newton's method.
+        newton_solver: Its class; a subclass may replace it.
     """
 
     newton_solver: type[NewtonSolver] = NewtonSolver
@@ -43,7 +48,7 @@ class EquilibriumSolver:
 
         Args:
             problem: The problem; it is destroyed with this object.
-            options: How equilibrium is sought.
+            options: Tolerances and alternatives.
         """
         model = problem.model
         self.problem, self._options, self._smooth_model = problem, options, model
@@ -56,7 +61,7 @@ class EquilibriumSolver:
             problem, self._matrix, options, self.linear, self.crossing, self._petsc_options.prefix
         )
         # Set-valued friction always has its stress at points, other friction when it must.
-        self._set_valued = self._stress_of(model) if model.carried else None
+        self._set_valued = self._stress_of(model) if model.point_frictions else None
         problem.point_stress = self._set_valued
         self._sharp: tuple[Model, PointStress] | None = None
         self._can_use_points = any(t.effect.bound for t in model.balance.terms)
@@ -79,14 +84,19 @@ class EquilibriumSolver:
         field[:], last[:] = start, before
         self._use_points()
         again = self._solve(most)
-        if not again.converged:  # the friction was not the cause
+        if again.converged:
+            logger.info(
+                "friction has its stress at quadrature points from now on: Newton's method on the "
+                "smooth law ended with %s after %d iterations", result.reason, result.iterations,
+            )  # fmt: skip
+        else:  # the friction was not the cause
             problem.model, problem.point_stress = self._smooth_model, self._set_valued
         return again
 
     def accept(self) -> None:
         """Take the present stress at points as that of the accepted state."""
         if self.problem.point_stress:
-            self.problem.point_stress.keep()
+            self.problem.point_stress.accept()
 
     def restore(self) -> None:
         """Go back to the stress at points of the accepted state."""
@@ -95,8 +105,8 @@ class EquilibriumSolver:
 
     @property
     def spectrum(self) -> TangentSpectrum:
-        """Eigenvalues of the tangent, as its factor knows them."""
-        return self.newton.inertia
+        """Eigenvalues of the tangent, by its factor."""
+        return self.newton.spectrum
 
     @property
     def saddle_at_start(self) -> bool:
@@ -105,7 +115,7 @@ class EquilibriumSolver:
 
     def plastic_force(self) -> NDArray[np.float64] | float:
         """Return the part of the force (N) of set-valued friction; 0 without any."""
-        forms = self._smooth_model.push
+        forms = self._smooth_model.friction_force
         return self.problem.force_of(forms) if forms else 0.0
 
     def tangent(self) -> Any:
@@ -130,7 +140,7 @@ class EquilibriumSolver:
         reason = newton.solve(most)
         return SolveResult(
             converged=reason > 0,
-            reason=reason_of(newton.snes),
+            reason=newton.reason,
             iterations=newton.snes.getIterationNumber(),
             residual=newton.norm,
             negatives=newton.judge() if reason > 0 else 0,
@@ -145,4 +155,6 @@ class EquilibriumSolver:
         self.problem.model, self.problem.point_stress = self._sharp
 
     def _stress_of(self, model: Model) -> PointStress:
-        return PointStress(model, self.crossing.direction, self.problem.constraints.bcs)
+        from wovenfab.solver.point_friction import PointStress
+
+        return PointStress(model, self.problem.constraints.bcs)

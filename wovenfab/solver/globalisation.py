@@ -1,17 +1,16 @@
-"""Keeping the two families from crossing.
+"""Step lengths and the end of Newton's method.
 
-The shear energy has a pole where the families align, but is finite again beyond
-it. A state is admissible if f_1 × f_2 keeps its initial sign at every quadrature
-point of cells and facets; along a Newton direction that is a quadratic in the
-step length, whose first root is the limit.
+``CrossingLimit``: the shear energy has a pole where the families align, but is finite again
+beyond it. A state is admissible if f_1 × f_2 keeps its initial sign at every quadrature point of
+cells and facets; along a Newton direction that is a quadratic in the step length, whose first
+root is the limit.
 
-The search for a lower potential along Newton's steps, by backtracking (Armijo).
+``LineSearch``: backtracking on the potential (Armijo). ``Convergence``: when forces balance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import basix
@@ -20,22 +19,23 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
 
 from forms.kinematics import point_of, point_variation
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model, preserved
 from wovenfab.solver.problem import Problem
 
-#: Value of f_1 × f_2 that counts as on the barrier. Round-off of positions of 1 m on cells of
+Reason = PETSc.SNES.ConvergedReason
+Array = NDArray[np.float64]
+#: Value of f_1 × f_2 that counts as aligned. Round-off of positions of 1 m on cells of
 #: 0.1 mm is some 1e-11 of it, and Newton would need dozens of steps to come back from there.
-ON_BARRIER = 1e-9
-#: Share of the way to the crossing that a step may take.
+ALIGNED = 1e-9
+#: Largest length of a step over that at which the families cross.
 CROSSING_SHARE = 0.9
 
 
-def first_crossing(
-    f: NDArray[np.float64], df: NDArray[np.float64], orientation: float
-) -> NDArray[np.float64]:
+def first_crossing(f: Array, df: Array, orientation: float) -> Array:
     """Return the step length at which the two families first align at each point.
 
     Args:
@@ -60,64 +60,37 @@ def first_crossing(
         # b > 0: a positive root only if a < 0, then it is (b + r)/(-2a).
         rising = np.where((b > 0) & (a < 0), (b + root) / (-2 * a), np.inf)
     limit = np.where(b <= 0, falling, rising)
-    return np.where(c > ON_BARRIER, np.where(real, limit, np.inf), 0.0)
+    return np.where(c > ALIGNED, np.where(real, limit, np.inf), 0.0)
 
 
-def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cross(a: Array, b: Array) -> Array:
     return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
 
-@dataclass(frozen=True)
-class _Probe:
-    """Fibre derivatives of a field at all quadrature points."""
-
-    expression: fem.Expression
-    cells: NDArray[np.int32]
-    mesh: Any
-
-    def values(self) -> NDArray[np.float64]:
-        found: NDArray[np.float64] = self.expression.eval(self.mesh, self.cells)
-        return found.reshape(-1, 2, 2)
-
-
 class CrossingLimit:
-    """Watches the sign of f_1 × f_2 at the quadrature points of a model.
+    """The sign of f_1 × f_2 at the quadrature points of a model.
 
     Attributes:
-        direction: Change of the model's field that was judged last, m.
+        direction: The direction that was evaluated last, m; scratch space.
         points: Reference points of a cell, shape (n, 2).
     """
 
     def __init__(self, model: Model) -> None:
-        """Compile the evaluation of f_1 and f_2 for the model's field and for steps."""
-        mesh = model.sheet.mesh
+        """Compile the evaluation of f_1 and f_2 for the model's field and for directions."""
+        self._mesh = mesh = model.sheet.mesh
         fibres = model.balance.fibres
         self._comm, self._own = mesh.comm, model.placements.owned
         self._orientation = float(np.sign(np.linalg.det(model.sheet.fibres)))
         self.direction = fem.Function(model.space)
         self.points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
-        cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
-        self._state = _Probe(
-            compile_expression(_flat(point_of(model.field, fibres, False).f), self.points),
-            cells,
-            mesh,
-        )
-        self._change = _Probe(
-            compile_expression(
-                _flat(point_variation(self.direction, fibres, False)[:2]), self.points
-            ),
-            cells,
-            mesh,
+        self._cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+        self._state = compile_expression(_flat(point_of(model.field, fibres, False).f), self.points)
+        self._change = compile_expression(
+            _flat(point_variation(self.direction, fibres, False)[:2]), self.points
         )
 
-    def derivatives(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return f_1, f_2 and their changes by ``direction`` at all own points, shape (n, 2, 2)."""
-        return self._state.values(), self._change.values()
-
-    def limit(self, direction: NDArray[np.float64]) -> float:
-        """Return the step length s (of ``field + s direction``) at which families first align.
-
-        Collective; infinite if they never do.
+    def derivatives(self, direction: Array) -> tuple[Array, Array]:
+        """Return f_1, f_2 and their changes along a direction at all own points, (n, 2, 2).
 
         Args:
             direction: Change of this rank's own unknowns at least, m.
@@ -125,7 +98,17 @@ class CrossingLimit:
         own = self._own
         self.direction.x.array[:own] = direction[:own]
         self.direction.x.scatter_forward()
-        crossings = first_crossing(*self.derivatives(), self._orientation)
+        return self._evaluate(self._state), self._evaluate(self._change)
+
+    def limit(self, direction: Array) -> float:
+        """Return the step length s (of ``field + s direction``) at which families first align.
+
+        Collective; infinite if they never do.
+
+        Args:
+            direction: Change of this rank's own unknowns at least, m.
+        """
+        crossings = first_crossing(*self.derivatives(direction), self._orientation)
         mine = float(crossings.min(initial=np.inf))
         return float(self._comm.allreduce(mine, op=MPI.MIN))
 
@@ -133,20 +116,24 @@ class CrossingLimit:
         """Return the smallest (f_1 × f_2)/(|f_1||f_2|) in the present state; collective."""
         return float(self._comm.allreduce(float(self.margins().min(initial=np.inf)), op=MPI.MIN))
 
-    def margins(self) -> NDArray[np.float64]:
+    def margins(self) -> Array:
         """Return (f_1 × f_2)/(|f_1||f_2|) at all points, shape (own cells, points)."""
-        f = self._state.values()
+        f = self._evaluate(self._state)
         sines = self._orientation * _cross(f[:, 0], f[:, 1])
         sines = sines / np.linalg.norm(f, axis=2).prod(axis=1)
         return sines.reshape(-1, len(self.points))
 
-    def motion(self) -> NDArray[np.float64]:
-        """Return how much ``direction`` changes f_1 and f_2 (norm), shape (own cells, points)."""
-        sizes: NDArray[np.float64] = np.linalg.norm(self._change.values(), axis=(1, 2))
+    def motion(self, direction: Array) -> Array:
+        """Return the change of f_1 and f_2 along a direction (norm), shape (own cells, points)."""
+        sizes: Array = np.linalg.norm(self.derivatives(direction)[1], axis=(1, 2))
         return sizes.reshape(-1, len(self.points))
 
+    def _evaluate(self, expression: fem.Expression) -> Array:
+        values: Array = expression.eval(self._mesh, self._cells)
+        return values.reshape(-1, 2, 2)
 
-def quadrature_points(degree: int, facets: bool) -> NDArray[np.float64]:
+
+def quadrature_points(degree: int, facets: bool) -> Array:
     """Return the reference points, shape (n, 2), of the cell rule and of all three facets."""
     inside = basix.make_quadrature(basix.CellType.triangle, degree)[0]
     if not facets:
@@ -165,14 +152,14 @@ def _flat(pair: Any) -> Any:
 #: Largest number of halvings, and the constant of sufficient decrease.
 HALVINGS = 14
 DECREASE = 1e-4
-#: A shorter step finds nothing either: the next one would be as short, at the barrier shorter.
+#: A shorter step counts as a failure: near the crossing the next one would be still shorter.
 SHORTEST = 1e-4
-#: Share of its gain by which a whole step may raise the potential over the lowest so far.
+#: Share of its gain by which a full step may raise the potential over the lowest so far.
 LOOSE = 0.1
 
 
 class LineSearch:
-    """Searches along the steps of one solve after the other.
+    """Line searches on the potential, for the steps of one solve after the other.
 
     Attributes:
         potential: That of the present iterate (J), where it is known.
@@ -180,9 +167,9 @@ class LineSearch:
         failures: Searches in a row that found no lower potential.
     """
 
-    def __init__(self, system: Problem, barrier: CrossingLimit) -> None:
-        """Search the potential of a system along the step of a barrier."""
-        self._system, self._barrier = system, barrier
+    def __init__(self, problem: Problem) -> None:
+        """Search on the potential of a problem."""
+        self._problem = problem
         self.potential: float | None = None
         self.decrement, self.failures = np.inf, 0
         self._lowest = np.inf  # potential of an iterate of this solve, J
@@ -193,42 +180,48 @@ class LineSearch:
         self.failures = 0
 
     def forget(self) -> None:
-        """Know nothing of an iterate that no search has led to."""
+        """Forget the potentials: the next iterate is not the end of a search."""
         self.potential, self.decrement, self._lowest = None, np.inf, np.inf
 
     def measure(self) -> float:
-        """Return the potential (J) of the model's present field, and know it; collective."""
-        self.potential = self._system.energy()
+        """Evaluate and return the potential (J) of the model's present field; collective."""
+        self.potential = self._problem.energy()
         return self.potential
 
     def along(
-        self, slope: float, length: float, noise: Callable[[float], float], loose: bool = False
+        self,
+        direction: Array,
+        slope: float,
+        length: float,
+        noise: Callable[[float], float],
+        loose: bool = False,
     ) -> float:
-        """Return a length of the barrier's step with sufficient decrease; collective.
+        """Return a length of a step with sufficient decrease; collective.
 
-        Soft motions of stiff yarns go along curved valleys of the potential. A whole step leaves
-        them, and rises a little; the next one, which knows the stress that the first one meant,
-        returns to them much farther down (the watchdog technique: Chamberlain, Powell, Lemarechal
-        and Pedersen, 1982).
+        Soft motions of stiff yarns go along curved valleys of the potential. A full step leaves
+        them and rises a little; the next step returns to them much farther down (the watchdog
+        technique: Chamberlain, Powell, Lemarechal and Pedersen, 1982).
 
         Args:
+            direction: The step, of this rank's own unknowns, m.
             slope: Decrease of the potential per unit length at the iterate, J.
             length: First length to try.
-            noise: Returns by how much a potential (J) may seem to rise by rounding alone, J.
-            loose: Whether a whole step may rise a little from the lowest potential so far.
+            noise: Returns the rounding error of a potential (J), J.
+            loose: Whether a full step may rise a little from the lowest potential so far.
         """
-        model, step = self._system.model, self._barrier.direction
-        field, start = model.field.x.array, model.field.x.array.copy()
+        field, own = self._problem.model.field, len(direction)
+        start = field.x.array[:own].copy()
         before = self.measure() if self.potential is None else self.potential
         self._lowest = min(self._lowest, before)
         loose = loose and length == 1.0 and before == self._lowest
         rise = LOOSE * slope if loose else -np.inf
 
         def potential(at: float) -> float:
-            field[:] = start + at * step.x.array
-            return self._system.energy()
+            field.x.array[:own] = start + at * direction
+            field.x.scatter_forward()
+            return self._problem.energy()
 
-        with preserved(model.field):
+        with preserved(field):
             length, self.potential = backtrack(
                 potential, before, slope, length, noise(before), rise
             )
@@ -254,15 +247,104 @@ def backtrack(
         start: That at length zero, J.
         slope: Its decrease per unit length there, J.
         length: First length to try.
-        noise: Increase that rounding alone may feign, J.
+        noise: Increase by rounding alone, J.
         rise: Increase that the first length may bring, J.
 
     Returns:
         The length, halved as often as needed, and the potential; None where none falls.
     """
     for _ in range(HALVINGS):
-        found = potential(length)
-        if np.isfinite(found) and found <= start + max(rise, -DECREASE * length * slope) + noise:
-            return length, found
+        energy = potential(length)
+        if np.isfinite(energy) and energy <= start + max(rise, -DECREASE * length * slope) + noise:
+            return length, energy
         length, rise = length / 2, -np.inf
     return length, None
+
+
+EPSILON = float(np.finfo(np.float64).eps)
+#: A change of the potential below this share of it is round-off, not an increase.
+ROUND_OFF = 1e-12
+#: A step with an older tangent may reduce forces of stiff directions more than those of soft
+#: ones, which hardly count in the norm, by this factor.
+BEHIND = 10.0
+
+
+class Convergence:
+    """Judges residuals and steps of Newton's method.
+
+    Strains are differences of displacements. Their rounding error is that of the displacement,
+    or of the cell size where that is larger; times the tangent it is that of the forces.
+    """
+
+    def __init__(self, tolerance: float, cell_size: float) -> None:
+        """Begin without any equilibrium.
+
+        Args:
+            tolerance: Residual force over the largest force met so far.
+            cell_size: That of the largest cell, m.
+        """
+        self._tolerance = tolerance
+        self._cell_size = cell_size
+        # Largest force (N) and energy (J) of an equilibrium so far.
+        self._force = self._energy = 0.0
+        # Size of the tangent (N/m), and rounding error of positions (m).
+        self._stiffness = self._blur = 0.0
+
+    def measure(self, stiffness: float, farthest: float) -> None:
+        """Note the size of a tangent (N/m) and the largest displacement (m) it was formed at."""
+        self._stiffness = stiffness
+        self._blur = EPSILON * max(farthest, self._cell_size)
+
+    def accept(self, force: float, energy: float) -> None:
+        """Note an equilibrium's norm of the internal force (N) and its potential (J)."""
+        self._force = max(self._force, force)
+        self._energy = self.scale_of(energy)
+
+    def scale_of(self, energy: float) -> float:
+        """Return the largest energy (J) of an equilibrium so far, and of this state."""
+        return max(self._energy, abs(energy))
+
+    def noise(self, energy: float) -> float:
+        """Return the rounding error of a potential (J), J.
+
+        An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
+        """
+        blurred = self._blur * np.sqrt(2 * abs(energy) * self._stiffness)
+        return float(max(ROUND_OFF * self.scale_of(energy), blurred))
+
+    def reason(
+        self,
+        residual: float,
+        force: float,
+        decrement: float,
+        energy: float,
+        left: float | None = None,
+    ) -> int | None:
+        """Return PETSc's reason to end, or None where forces do not balance yet.
+
+        Newton's decrement is twice the energy that a step gains; convergence is quadratic, so
+        a step of relative energy ``tolerance`` leaves its square. With an older tangent it is
+        linear: the next step would gain as much less as forces have become smaller, squared.
+
+        Args:
+            residual: Norm of the forces that do not balance, N.
+            force: Norm of the internal force, N.
+            decrement: That of the last step if it was a full one, otherwise infinite, J.
+            energy: Potential, J.
+            left: Share of the residual that the last step left, if its tangent was an older one.
+        """
+        largest = max(self._force, force)
+        if residual <= max(self._tolerance * largest, self._blur * self._stiffness):
+            return int(Reason.CONVERGED_FNORM_RELATIVE)
+        least = self._tolerance * self.scale_of(energy)
+        if left is not None:
+            decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
+        if decrement <= least and residual <= np.sqrt(self._tolerance) * largest:
+            return int(Reason.CONVERGED_SNORM_RELATIVE)
+        return None
+
+
+def largest_cell(mesh: Any) -> float:
+    """Return the size of the largest cell of a mesh, m; collective."""
+    cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
+    return float(mesh.comm.allreduce(mesh.h(2, cells).max(initial=0.0), op=MPI.MAX))

@@ -17,20 +17,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-#: Where the method starts: largest stress over its bound, and p and q over what is large.
+#: Start of the method: largest stress over its bound, and p and q over a large increment.
 START_STRESS, START_SLIP = 0.5, 0.1
-#: Products p (zeta - tau), over their mean, beyond which a point strays (Gondzio, 1996).
+#: Range of the products p (zeta - tau), over their mean, without a correction (Gondzio, 1996).
 LEAST, MOST = 0.1, 10.0
-#: Distance of a stress from its bound, over that, which round-off cannot tell from none.
+#: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
 
 
 @dataclass(frozen=True)
 class Target:
-    """What a step aims at.
+    """Target of a step.
 
     Attributes:
-        up, down: Wanted p (zeta - tau) and q (zeta + tau), N/m.
+        up, down: Target values of p (zeta - tau) and q (zeta + tau), N/m.
         increment: The increment that belongs to them at the present stress, m.
     """
 
@@ -79,18 +79,18 @@ class InteriorPoint:
 
         Args:
             creep_slope: d creep/d tau.
-            most: Largest value wanted, for the sake of round-off.
+            most: Largest value, to limit round-off.
         """
         above, below = self._room()
         return np.minimum(1 / (self._up / above + self._down / below + creep_slope), most)
 
     def aim(self, creep: Array, level: float, move: Increment | None = None) -> Target:
-        """Return what to aim at.
+        """Return the target of a step.
 
         Args:
             creep: Creep at the present stress.
             level: mu, N/m.
-            move: A step whose second-order terms are to be made up for.
+            move: The predictor, for the second-order terms.
         """
         above, below = self._room()
         up = level + (move.up * move.stress if move else np.zeros_like(above))
@@ -100,14 +100,14 @@ class InteriorPoint:
     def centred(
         self, aim: Target, creep: Array, level: float, move: Increment, length: float
     ) -> Target:
-        """Return an aim with which points that would stray from the others stray less.
+        """Return a target with which products that are far from their mean come nearer to it.
 
         Args:
-            aim: The aim before.
+            aim: The target before.
             creep: Creep at the present stress.
-            level: What all points should come near to, N/m.
-            move: Where that leads.
-            length: Step length at which points stray.
+            level: Mean of all products, N/m.
+            move: The step that the target before gives.
+            length: Step length at which the products are taken.
         """
         above, below = self._room()
         up = (self._up + length * move.up) * (above - length * move.stress)
@@ -115,27 +115,27 @@ class InteriorPoint:
         least, most = LEAST * level, MOST * level
         more_up = np.maximum(np.clip(up, least, most) - up, -most)
         more_down = np.maximum(np.clip(down, least, most) - down, -most)
-        found = aim.up + more_up, aim.down + more_down
-        return Target(*found, creep + found[0] / above - found[1] / below)
+        up, down = aim.up + more_up, aim.down + more_down
+        return Target(up, down, creep + up / above - down / below)
 
     def move(self, stress: Array, aim: Target) -> Increment:
-        """Return the change of all three that belongs to one of the stress."""
+        """Return the changes of stress, p and q that belong to a change of the stress."""
         above, below = self._room()
         up = (aim.up + self._up * stress) / above - self._up
         down = (aim.down - self._down * stress) / below - self._down
         return Increment(stress, up, down)
 
-    def farthest(self, move: Increment) -> float:
-        """Return the step length at which the first of them reaches its bound."""
+    def longest(self, move: Increment) -> float:
+        """Return the step length at which the first point reaches a bound."""
         above, below = self._room()
         rooms = (self._up, self._down, above, below)
-        ways = (move.up, move.down, -move.stress, move.stress)
+        changes = (move.up, move.down, -move.stress, move.stress)
         return min(
-            float((-room[way < 0] / way[way < 0]).min(initial=np.inf))
-            for room, way in zip(rooms, ways, strict=True)
+            float((-room[change < 0] / change[change < 0]).min(initial=np.inf))
+            for room, change in zip(rooms, changes, strict=True)
         )
 
-    def go(self, move: Increment, length: float) -> None:
+    def advance(self, move: Increment, length: float) -> None:
         """Take a step."""
         self.stress = np.clip(self.stress + length * move.stress, -self.bound, self.bound)
         self._up = self._up + length * move.up
@@ -151,7 +151,7 @@ class InteriorPoint:
         return float(self.area @ (up * above + down * below))
 
     def loss(self) -> float:
-        """Return the energy (J) that p and q dissipate, by which a gap is judged."""
+        """Return the energy (J) that p and q dissipate, the scale of a gap."""
         return float(self.area @ (self.bound * (self._up + self._down)))
 
     def _room(self) -> tuple[Array, Array]:

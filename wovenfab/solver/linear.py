@@ -1,33 +1,22 @@
-"""Conjugate gradients that do not pay for knowing how wrong they are.
+"""Linear systems with tangents: one factorisation, kept as long as that pays.
 
-Their error in the norm of energy is that of the rest r = b - A x: sqrt(r P r), with P near the
-inverse of A. Where P is the large factor of an earlier tangent, to apply it takes most of the
-time, and the last application would serve for nothing but that number. Norms of the rest are
-cheap; one is turned into the other by their ratio at the step before (of the solution before,
-where there was no step yet). What is solved too roughly costs Newton's method an iteration.
+A factorisation costs as much as tens of solutions with its factor. Tangents change little
+from one Newton step to the next, so that an older factor is a good preconditioner of conjugate
+gradients (CG). CG needs more iterations the older the factor is. The tangent is factorised
+again when the next system would cost more than the average since the last factorisation, that
+one included: there the average is least.
 
-Linear systems with tangents, by a factor of one of them that is kept while that pays.
+Tangents of minima are positive definite, and their factorisation needs no search for pivots.
+The first tangent with a negative pivot is factorised again with a search, and so are all later
+ones: only then is their number reliable.
 
-To factorise a tangent takes as long as tens of solutions with its factor, and more the larger
-it is; but tangents change little from one Newton step to the next. An older factor
-preconditions conjugate gradients, which need the more iterations the older it is. It is made
-anew where the next system is expected to cost more than all have cost on average since the
-last factorisation, that itself included: there the average is least.
-
-Tangents of minima are positive: pivots need no search, which takes a part of the time, more of
-it on several ranks. The first tangent that has a negative pivot after all is factorised again
-with a search, and so are all later ones: only then are their numbers to be relied upon.
-
-When the tangent of one Newton step serves for the next one, too (Shamanskii, 1967).
-
-Where a motion is foreseen well, a solve begins near its solution: its first step is short, and
-the second only mends what the first has left. Tangents hardly change over so short a step, so
-that the second needs none of its own, nor a factor. Where a solve begins far away, forces tell
-little of how tangents change: they fall by orders while yarns still turn.
+A whole tangent may serve for the next Newton step, too (Shamanskii, 1967): where a solve begins
+near its solution, the second step only corrects what the first one left.
 """
 
 from __future__ import annotations
 
+import logging
 from math import inf, isfinite
 from typing import Any
 
@@ -36,94 +25,136 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-
-class ConjugateGradients:
-    """Solves with a symmetric matrix by a preconditioner near its inverse; collective."""
-
-    def __init__(self, matrix: Any, preconditioner: Any) -> None:
-        """Make the vectors.
-
-        Args:
-            matrix: PETSc's; its values may change from one solution to the next.
-            preconditioner: PETSc's; to apply it is all that is done with it.
-        """
-        self._matrix, self._preconditioner = matrix, preconditioner
-        rest = matrix.createVecLeft()
-        self._vectors = rest, *(rest.duplicate() for _ in range(3))
-        self._ratio = inf  # of r P r and r r
-
-    def solve(self, b: Any, x: Any, accuracy: float, most: int) -> tuple[bool, int]:
-        """Solve A x = b.
-
-        They begin with the preconditioner's answer, which is exact where placements are
-        prescribed: those rows are the identity's in each tangent.
-
-        Args:
-            b: Right-hand side.
-            x: The solution; overwritten.
-            accuracy: Error in the norm of energy, relative.
-            most: Number of steps.
-
-        Returns:
-            Whether it is solved, and how often the preconditioner was applied.
-        """
-        rest, image, way, push = self._vectors
-        self._preconditioner.apply(b, x)
-        allowed = accuracy**2 * b.dot(x)
-        self._matrix.mult(x, rest)
-        rest.aypx(-1.0, b)
-        size, last = rest.dot(rest), inf
-        for applied in range(1, most + 1):
-            if self._ratio * size <= allowed or not size:
-                return True, applied
-            self._preconditioner.apply(rest, image)
-            error = rest.dot(image)
-            way.aypx(error / last, image) if applied > 1 else image.copy(way)
-            self._matrix.mult(way, push)
-            bent = way.dot(push)
-            if not (error > 0 and bent > 0):  # one of the two is not definite, or not finite
-                return False, applied + 1
-            x.axpy(error / bent, way)
-            rest.axpy(-error / bent, push)
-            self._ratio, last = error / size, error
-            size = rest.dot(rest)
-        return self._ratio * size <= allowed, most + 1
-
-    def destroy(self) -> None:
-        """Free the PETSc objects; collective."""
-        for item in self._vectors:
-            item.destroy()
-
-
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
 Reason = PETSc.KSP.ConvergedReason
-#: Of MUMPS: status, number of negative pivots, entries of the factor, operations for it.
-STATUS, NEGATIVE, ENTRIES, OPERATIONS = 1, 12, 29, 3
+#: Of MUMPS: status, number of negative and of null pivots, entries of the factor, operations.
+STATUS, NEGATIVE, NULL, ENTRIES, OPERATIONS = 1, 12, 28, 29, 3
 #: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
 COUNT_NULL = 24
 #: Status of MUMPS where a pivot is null.
 SINGULAR = -10
 #: Operations for an entry of the factor that take as long as to use the entry in an iteration.
 OPERATIONS_PER_USE = 40.0
-#: Error of a solution in the norm of energy, relative: beyond what Newton's steps can tell.
+#: Error of a solution in the energy norm, relative: no Newton step needs less.
 ACCURACY = 1e-8
-#: Most tangents in a row for which no older factor is tried after it has failed.
+#: Largest number of occasions that are passed over after failures.
 LONGEST_WAIT = 32
+#: A tangent serves again if its step has left at most this share of the residual.
+LEFT = 0.03
 
 
-def create_direct(comm: MPI.Comm, prefix: str | None = None) -> Any:
+class BackOff:
+    """Passes over occasions after a failure, twice as many after each further one."""
+
+    def __init__(self, what: str) -> None:
+        """Begin without a failure.
+
+        Args:
+            what: What has failed, for the log.
+        """
+        self._what = what
+        self._length = self._remaining = 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether the next occasion is to be passed over."""
+        return self._remaining > 0
+
+    def skip(self) -> None:
+        """Pass over an occasion."""
+        self._remaining = max(0, self._remaining - 1)
+
+    def reset(self) -> None:
+        """Note a success."""
+        self._length = self._remaining = 0
+
+    def fail(self) -> None:
+        """Note a failure."""
+        self._length = self._remaining = min(max(1, 2 * self._length), LONGEST_WAIT)
+        logger.info("%s: not tried the next %d times", self._what, self._length)
+
+
+class ConjugateGradients:
+    """CG that estimates its error without an extra solve; collective.
+
+    The error in the energy norm is sqrt(r P r) with the residual r and a preconditioner P near
+    the inverse. To apply P takes most of the time, so that r P r is estimated from r r by their
+    ratio at the iteration before (of the solution before, at the first iteration).
+    """
+
+    def __init__(self, matrix: Any, preconditioner: Any) -> None:
+        """Create the vectors.
+
+        Args:
+            matrix: PETSc's, symmetric; its values may change between solutions.
+            preconditioner: PETSc's; it is only applied.
+        """
+        self._matrix, self._preconditioner = matrix, preconditioner
+        residual = matrix.createVecLeft()
+        self._vectors = residual, *(residual.duplicate() for _ in range(3))
+        self._ratio = inf  # of r P r and r r
+
+    def solve(self, b: Any, x: Any, accuracy: float, most: int) -> tuple[bool, int]:
+        """Solve A x = b.
+
+        The initial guess is P b, which is exact where placements are prescribed: those rows are
+        the identity's in each tangent.
+
+        Args:
+            b: Right-hand side.
+            x: The solution; overwritten.
+            accuracy: Error in the energy norm, relative.
+            most: Number of iterations.
+
+        Returns:
+            Whether it is solved, and how often the preconditioner was applied.
+        """
+        residual, preconditioned, direction, image = self._vectors
+        self._preconditioner.apply(b, x)
+        allowed = accuracy**2 * b.dot(x)
+        self._matrix.mult(x, residual)
+        residual.aypx(-1.0, b)
+        square, last = residual.dot(residual), inf
+        for applied in range(1, most + 1):
+            if self._ratio * square <= allowed or not square:
+                return True, applied
+            self._preconditioner.apply(residual, preconditioned)
+            error = residual.dot(preconditioned)
+            if applied > 1:
+                direction.aypx(error / last, preconditioned)
+            else:
+                preconditioned.copy(direction)
+            self._matrix.mult(direction, image)
+            curvature = direction.dot(image)
+            if not (error > 0 and curvature > 0):  # one of the two is indefinite, or not finite
+                return False, applied + 1
+            x.axpy(error / curvature, direction)
+            residual.axpy(-error / curvature, image)
+            self._ratio, last = error / square, error
+            square = residual.dot(residual)
+        return self._ratio * square <= allowed, most + 1
+
+    def destroy(self) -> None:
+        """Free the PETSc objects; collective."""
+        for vector in self._vectors:
+            vector.destroy()
+
+
+def create_direct(comm: MPI.Comm, prefix: str = "", options: bool = True) -> Any:
     """Return a linear solver: a Cholesky factorisation by MUMPS; collective.
 
     Args:
         comm: Its ranks.
-        prefix: Beginning of the names of PETSc's options, which may choose another one; None
-            for no options.
+        prefix: Beginning of the names of its PETSc options.
+        options: Whether they may choose another solver; MUMPS reads its own in any case.
     """
     direct = PETSc.KSP().create(comm)
-    direct.setOptionsPrefix(prefix or "wovenfab_own_")
+    direct.setOptionsPrefix(prefix)
     direct.setType("preonly")
     direct.getPC().setType("cholesky")
     direct.getPC().setFactorSolverType("mumps")
-    if prefix is not None:
+    if options:
         direct.setFromOptions()
     return direct
 
@@ -135,7 +166,9 @@ class LinearSolver:
         definite: Whether matrices are expected to be definite and near to the last one, as
             an older factor needs.
         method: PETSc's names of solver, preconditioner and package.
-        counts: Whether the factor tells the number of negative eigenvalues.
+        counts: Whether the factor counts the negative eigenvalues.
+        prefix: Beginning of the names of its PETSc options.
+        iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
     """
 
     def __init__(
@@ -148,22 +181,23 @@ class LinearSolver:
             matrix: Symmetric; its values may change from one solution to the next.
             keep_from: Iterations that a factorisation must be worth before an older factor
                 is used; infinite for never.
-            accuracy: Error of a solution in the norm of energy, relative, where an older factor
+            accuracy: Error of a solution in the energy norm, relative, where an older factor
                 is used.
         """
         self._matrix, self._keep_from, self._accuracy = matrix, keep_from, accuracy
-        self.definite = True
+        self.definite, self.iterations = True, 0
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
         self.method = direct.getType(), self._pc.getType(), self._pc.getFactorSolverType()
         self.counts = self.method == ("preonly", "cholesky", "mumps")
+        self.prefix = direct.getOptionsPrefix() or ""
         self._positive = self.counts  # whether all were so far
         self._gradients: ConjugateGradients | None = None
-        self._begun = False  # before that PETSc's factor is not to be asked for: that makes one
+        self._begun = False  # PETSc's factor must not be asked for before: that creates one
         self._made = -1  # state of the matrix when it was factorised
         self._cost = 0.0  # of a factorisation, in iterations
         self._spent, self._solved, self._last = 0.0, 0, 0  # since then
-        self._wait, self._waiting = 0, 0
+        self._back_off = BackOff("an older factor does not precondition well enough")
 
     @property
     def keeps(self) -> bool:
@@ -183,13 +217,13 @@ class LinearSolver:
     @property
     def negatives(self) -> int:
         """Number of negative pivots of the factor, over all ranks."""
-        return self._told(NEGATIVE)
+        return self._count_of(NEGATIVE)
 
     @property
     def status(self) -> int:
-        """How MUMPS ended the last factorisation, negative where it failed; 0 if none tells."""
-        tells = self._begun and self._pc.getFactorSolverType() == "mumps"
-        return self._told(STATUS) if tells else 0
+        """MUMPS's status of the last factorisation, negative where it failed; 0 without MUMPS."""
+        known = self._begun and self._pc.getFactorSolverType() == "mumps"
+        return self._count_of(STATUS) if known else 0
 
     def solve(self, b: Any, x: Any, accuracy: float | None = None) -> int:
         """Solve A x = b.
@@ -197,17 +231,17 @@ class LinearSolver:
         Args:
             b: Right-hand side.
             x: The solution; overwritten.
-            accuracy: Another one for this solution.
+            accuracy: Error of this solution, if not the usual one.
 
         Returns:
             PETSc's reason, negative where it failed.
         """
         if not self.is_present:
-            if self._pays() and self._refine(
-                b, x, self._accuracy if accuracy is None else accuracy
-            ):
+            accuracy = self._accuracy if accuracy is None else accuracy
+            if self._pays() and self._refine(b, x, accuracy):
                 return int(Reason.CONVERGED_RTOL)
             self._renew()
+        self.iterations = 0
         if not self._solved:
             self._count(1)
         self._direct.solve(b, x)
@@ -239,7 +273,7 @@ class LinearSolver:
             self._gradients.destroy()
         self._direct.destroy()
 
-    def _told(self, number: int) -> int:
+    def _count_of(self, number: int) -> int:
         return int(self.factor.getMumpsInfog(number))
 
     def _pays(self) -> bool:
@@ -247,8 +281,8 @@ class LinearSolver:
         usable = self.counts and self.definite and self._solved and not self.negatives
         if not usable or self._cost < self._keep_from:
             return False
-        if self._waiting:
-            self._waiting -= 1
+        if self._back_off.waits:
+            self._back_off.skip()
             return False
         return self._last * self._solved <= self._spent
 
@@ -261,7 +295,7 @@ class LinearSolver:
             self._factorise()
         self._made = self._matrix.stateGet()
         if self.counts:
-            entries = self._told(ENTRIES)
+            entries = self._count_of(ENTRIES)
             entries = entries if entries >= 0 else -1_000_000 * entries  # millions
             operations = self.factor.getMumpsRinfog(OPERATIONS)
             self._cost = operations / (OPERATIONS_PER_USE * max(entries, 1))
@@ -281,8 +315,11 @@ class LinearSolver:
         self._pc.setReusePreconditioner(True)
         done, applied = self._gradients.solve(b, x, accuracy, max(1, int(self._cost)))
         self._count(applied)
-        self._wait = 0 if done else min(max(1, 2 * self._wait), LONGEST_WAIT)
-        self._waiting = self._wait
+        self.iterations = applied
+        if done:
+            self._back_off.reset()
+        else:
+            self._back_off.fail()
         return done
 
     def _count(self, iterations: int) -> None:
@@ -291,14 +328,8 @@ class LinearSolver:
         self._last = iterations
 
 
-Array = NDArray[np.float64]
-#: A step must have left no more than this share of the forces that did not balance.
-LEFT = 0.03
-#: Most solves in a row in which no tangent serves twice after that has not been enough.
-
-
 class TangentReuse:
-    """Chooses the steps that take the tangent of the step before.
+    """Chooses the steps that use the tangent of the step before.
 
     Attributes:
         taken: Whether the last step was one.
@@ -307,30 +338,29 @@ class TangentReuse:
     def __init__(self) -> None:
         """Begin before any solve."""
         self.taken = False
-        self._wait = self._waiting = 0
+        self._back_off = BackOff("an older tangent does not reduce the residual enough")
 
     def begin(self) -> None:
         """Begin a solve."""
         if self.taken:  # and the last solve ended with it
-            self._wait = 0
+            self._back_off.reset()
         self.taken = False
-        self._waiting = max(0, self._waiting - 1)
+        self._back_off.skip()
 
     def promises(self, left: float) -> bool:
-        """Return whether the next step may be one, as far as forces tell.
+        """Return whether the next step may be one, by the residual.
 
         Args:
-            left: Share of the forces that the last step left.
+            left: Share of the residual that the last step left.
         """
         if left <= LEFT:
-            return not self._waiting
-        if self.taken:  # and has not been worth it
-            self._wait = min(max(1, 2 * self._wait), LONGEST_WAIT)
-            self._waiting = self._wait
+            return not self._back_off.waits
+        if self.taken:  # without success
+            self._back_off.fail()
         return False
 
 
-def distance_over(comm: MPI.Comm, now: Array, other: Array, start: Array) -> float:
+def relative_distance(comm: MPI.Comm, now: Array, other: Array, start: Array) -> float:
     """Return the largest difference of two states over that of the first from a third; collective.
 
     Args:
@@ -339,6 +369,6 @@ def distance_over(comm: MPI.Comm, now: Array, other: Array, start: Array) -> flo
         other: Those of the second, m.
         start: Those of the third, m.
     """
-    ways = [float(np.abs(now - x).max(initial=0.0)) for x in (other, start)]
-    step, whole = np.max(comm.allgather(ways), axis=0)
+    distances = [float(np.abs(now - x).max(initial=0.0)) for x in (other, start)]
+    step, whole = np.max(comm.allgather(distances), axis=0)
     return float(step / whole) if whole > 0 else np.inf

@@ -1,136 +1,77 @@
-"""PETSc's nonlinear solver as it is used here, with the options of a case.
+"""Newton's method on the incremental potential of a problem, by PETSc's SNES.
 
-Newton's method on the incremental potential of a problem, by PETSc's SNES.
+SNES calls back for residual and tangent. Before it takes a step, ``limit_step`` makes the
+step admissible (no crossing of the families) and, once the prescribed placements are
+attained, shortens it until the incremental potential falls enough.
 
-SNES calls back for residual and Jacobian; before it takes a step, the step is cut
-to stay admissible (no crossing of the families) and then, once the prescribed
-placements are attained, backtracked until the incremental potential falls enough.
-Where that shortens a step by an indefinite tangent, the step is made anew by its positive
-part alone: sharply curved yarns turn, and the potential in their Cartesian placements is
-far from the paraboloid that the whole tangent is of.
+Two modified tangents replace an indefinite one. Where the line search shortens a step, the
+positive part of the tangent gives another one: sharply bent yarns turn, and their potential in
+Cartesian placements is far from the tangent's paraboloid. Where a run follows the branches
+beyond a loss of stability, each indefinite tangent is shifted instead. The positive part lacks
+the compressive forces that choose a branch; with it the compression case needs more steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from itertools import count
+import logging
 from typing import Any
 
 import numpy as np
-from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.model import preserved
-from wovenfab.solver.convergence import Convergence, largest_cell
-from wovenfab.solver.globalisation import CROSSING_SHARE, CrossingLimit, LineSearch
-from wovenfab.solver.linear import LinearSolver, TangentReuse, distance_over
+from wovenfab.solver.globalisation import (
+    CROSSING_SHARE,
+    Convergence,
+    CrossingLimit,
+    LineSearch,
+    largest_cell,
+)
+from wovenfab.solver.linear import LinearSolver, TangentReuse, relative_distance
 from wovenfab.solver.options import SolverOptions
 from wovenfab.solver.problem import Problem
 from wovenfab.solver.tangent_spectrum import UNSEEN, TangentSpectrum, start_vector
 
+logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+Reason = PETSc.SNES.ConvergedReason
 _REASONS = {
-    value: name
-    for name, value in vars(PETSc.SNES.ConvergedReason).items()
-    if isinstance(value, int) and value != 0
+    value: name for name, value in vars(Reason).items() if isinstance(value, int) and value != 0
 }
-
-
-#: Beginnings of the names of command-line options that are for the solver.
-FOR_SOLVERS = ("snes_", "newton_", "ksp_", "pc_", "mat_", "mg_", "sub_", "fieldsplit_")
-
-
-class PetscOptions:
-    """The PETSc options of one solver, under a prefix of its own, while the object lives.
-
-    They are what this solver needs, then those of the case, then those of the command line;
-    the later ones win. Two solvers that live at the same time do not see each other's.
-
-    Attributes:
-        prefix: Beginning of their names in PETSc's database.
-    """
-
-    _numbers = count(1)
-
-    def __init__(self, case: Mapping[str, Any] | None = None) -> None:
-        """Set the options of a solver.
-
-        Args:
-            case: PETSc options by name, without a prefix.
-        """
-        self.prefix = f"wovenfab_{next(self._numbers)}_"
-        database = PETSc.Options()
-        names = [name for name in database.getAll() if name.startswith(FOR_SOLVERS)]
-        # The line search is ours, in the pre-check; PETSc's own stay reachable.
-        # MUMPS counts negative pivots only where it leaves the last block to itself (13).
-        ours = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
-        settings = {**ours, **(case or {}), **{name: database[name] for name in names}}
-        self._names = [self.prefix + name for name in settings]
-        for name, value in zip(self._names, settings.values(), strict=True):
-            database[name] = value
-
-    def clear(self) -> None:
-        """Remove them from PETSc's database."""
-        for name in self._names:
-            PETSc.Options().delValue(name)
+#: Line searches in a row without a lower potential that end a solve; the second one is
+#: along a step by the plain tangent.
+STUCK = 2
 
 
 class _Linear:
     """Newton's linear systems, as PETSc's linear solver of type python."""
 
-    def __init__(self, factor: LinearSolver) -> None:
-        self._factor = factor
+    def __init__(self, linear: LinearSolver) -> None:
+        self._linear = linear
 
     def solve(self, ksp: Any, b: Any, x: Any) -> None:
-        """Solve one."""
-        ksp.setConvergedReason(self._factor.solve(b, x))
+        """Solve one system."""
+        ksp.setConvergedReason(self._linear.solve(b, x))
 
     def view(self, ksp: Any, viewer: Any) -> None:
-        """Describe what solves it, as ``-snes_view`` asks."""
-        self._factor.view(viewer)
-
-
-def create_snes(
-    comm: MPI.Comm, controls: SolverOptions, factor: LinearSolver, prefix: str = ""
-) -> Any:
-    """Return Newton's method, its systems solved by a factor; collective.
-
-    Options must be set before.
-    """
-    snes = PETSc.SNES().create(comm)
-    snes.setOptionsPrefix(prefix)
-    snes.setType("newtonls")
-    snes.setTolerances(max_it=controls.max_iterations)
-    ksp = snes.getKSP()
-    ksp.setOptionsPrefix(f"{prefix}newton_")  # those without newton_ are for the factor's solver
-    snes.setFromOptions()
-    ksp.setType("python")
-    ksp.setPythonContext(_Linear(factor))
-    ksp.getPC().setType("none")
-    return snes
-
-
-def reason_of(snes: Any) -> str:
-    """Return PETSc's name of the reason for which a solve ended."""
-    value: int = snes.getConvergedReason()
-    name: str = _REASONS.get(value, str(value))
-    return name
-
-
-Reason = PETSc.SNES.ConvergedReason
-#: Searches in a row that find no lower potential, the second with the plain tangent, end a solve.
-STUCK = 2
+        """Describe the linear solver, as ``-snes_view`` asks."""
+        self._linear.view(viewer)
 
 
 class NewtonSolver:
-    """Solves a system with its present forms; objects are made once.
+    """Solves a problem with its present forms; objects are created once.
 
     Attributes:
+        problem: Residual, tangent and potential.
+        linear: Solves the linear systems.
+        crossing: Step length at which the families would cross.
         snes: PETSc's solver.
         solution: Its unknowns, m.
-        inertia: Judges the tangent.
-        tangents: Number of iterations of the last solve that formed one.
-        norm: Norm of the forces that do not balance at the last iterate, N.
+        spectrum: Eigenvalues of the tangent.
+        step: The last step that was judged, before it was shortened, at own unknowns, m.
+        tangents: Number of iterations of the last solve that formed a tangent.
+        norm: Norm of the residual force at the last iterate, N.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
     """
 
@@ -138,39 +79,37 @@ class NewtonSolver:
         self,
         problem: Problem,
         matrix: Any,
-        controls: SolverOptions,
-        factor: LinearSolver,
-        barrier: CrossingLimit,
+        options: SolverOptions,
+        linear: LinearSolver,
+        crossing: CrossingLimit,
         prefix: str = "",
     ) -> None:
-        """Create vectors and SNES.
+        """Create vectors and SNES; PETSc's options must be set.
 
         Args:
             problem: Residual, tangent and potential.
             matrix: For its tangent.
-            controls: Tolerances and alternatives.
-            factor: Solves the linear systems.
-            barrier: Where the families would cross.
+            options: Tolerances and alternatives.
+            linear: Solves the linear systems.
+            crossing: Step length at which the families would cross.
             prefix: Beginning of the names of its PETSc options.
         """
-        self.problem, self.controls, self.factor, self.barrier = problem, controls, factor, barrier
+        self.problem, self._options, self.linear, self.crossing = problem, options, linear, crossing
         self.solution = problem.residual.duplicate()
         self._matrix = matrix
         self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
-        # The last solution, where the solve began, and where the tangent was formed.
-        self._before, self._began, self._assembled = np.zeros((3, self.solution.getLocalSize()))
-        self._chord, self._left = TangentReuse(), np.inf  # share of the forces left by a step
-        self._convergence = Convergence(controls.tolerance, largest_cell(problem.model.sheet.mesh))
-        self._search = LineSearch(problem, barrier)
-        self._most = controls.max_iterations
-        self.snes = create_snes(problem.model.comm, controls, factor, prefix)
-        self.snes.setFunction(self.evaluate_residual, problem.residual)
-        self.snes.setJacobian(self.evaluate_jacobian, matrix)
-        self.snes.setObjective(self.evaluate_objective)
-        self.snes.setLineSearchPreCheck(self.limit_step)
-        self.snes.setConvergenceTest(self.test)
-        start = start_vector(problem.model.placements, problem.constraints.bcs, controls.seed)
-        self.inertia = TangentSpectrum(factor, matrix, self.assemble_tangent, start)
+        # The last solution, where the solve began, where the tangent was formed, the last step.
+        self._before, self._began, self._assembled, self.step = np.zeros(
+            (4, self.solution.getLocalSize())
+        )
+        self._reuse, self._left = TangentReuse(), np.inf  # share of the residual left by a step
+        self._convergence = Convergence(options.tolerance, largest_cell(problem.model.sheet.mesh))
+        self._search = LineSearch(problem)
+        self._length, self._cg = 0.0, 0  # of the last step
+        self._most = options.max_iterations
+        self.snes = self._create_snes(prefix)
+        start = start_vector(problem.model.placements, problem.constraints.bcs, options.seed)
+        self.spectrum = TangentSpectrum(linear, matrix, self.assemble_tangent, start)
 
     def solve(self, most: int) -> int:
         """Solve from the model's present field; return PETSc's reason.
@@ -187,27 +126,34 @@ class NewtonSolver:
         self._before[:] = problem.model.last.x.array[: self._before.size]
         problem.begin()
         self._search.begin()
-        self._chord.begin()
-        self.inertia.restart()
-        # Descents meet tangents that are not, and carried stress changes them too much.
-        self.factor.definite = not (self.controls.descend or problem.point_stress)
-        if self.factor.status < 0:
-            self.factor.forget()
+        self._reuse.begin()
+        self.spectrum.restart()
+        # Shifted tangents and stress at points change the matrix too much for an older factor.
+        self.linear.definite = not (self._options.descend or problem.point_stress)
+        if self.linear.status < 0:
+            self.linear.forget()
         if problem.point_stress:
             problem.point_stress.begin(lambda: problem.size_of_tangent(self._matrix))
         self.snes.solve(None, self.solution)
         problem.load(self.solution)
         return int(self.snes.getConvergedReason())
 
+    @property
+    def reason(self) -> str:
+        """PETSc's name of the reason for which the last solve ended."""
+        value: int = self.snes.getConvergedReason()
+        name: str = _REASONS.get(value, str(value))
+        return name
+
     def judge(self) -> int:
-        """Return the number of negative eigenvalues at a solution, by which others are judged."""
+        """Return the number of negative eigenvalues at a solution; note its force and energy."""
         moved = self.snes.getIterationNumber() > 0
-        negatives = self.inertia.judge(self._way_from(self._assembled) if moved else np.inf)
+        negatives = self.spectrum.judge(self._distance(self._assembled) if moved else np.inf)
         self._convergence.accept(self.problem.force_norm, self._search.potential or 0.0)
         return negatives
 
     def assemble_tangent(self) -> None:
-        """Put the tangent of the model's present field in the matrix, the plain one."""
+        """Assemble the plain tangent of the model's present field."""
         model = self.problem.model
         model.last.x.array[:] = model.field.x.array
         self.solution.array_w[:] = model.field.x.array[: self.solution.getLocalSize()]
@@ -219,15 +165,15 @@ class NewtonSolver:
         self.problem.evaluate_residual(b)
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
-        """Put the tangent in the matrix, unless that of the last step serves once more."""
-        self._chord.taken = self._serves()
-        if not self._chord.taken:
+        """Assemble the tangent, unless that of the last step serves once more."""
+        self._reuse.taken = self._is_reusable()
+        if not self._reuse.taken:
             self.tangents += 1
-            self.inertia.restart()
+            self.spectrum.restart()
             self.form_tangent(x)
 
     def form_tangent(self, x: Any) -> None:
-        """Put the tangent in the matrix."""
+        """Assemble the tangent at given unknowns."""
         self.problem.load(x)
         self._assembled[:] = x.array_r
         size = self.problem.evaluate_tangent(self._matrix)
@@ -240,41 +186,74 @@ class NewtonSolver:
 
     def limit_step(self, x: Any, y: Any) -> bool:
         """Shorten the step so that x - y is admissible and lowers the potential."""
-        self.problem.load(x)
+        problem, model = self.problem, self.problem.model
+        problem.load(x)
+        self._cg = self.linear.iterations
         if not self.snes.getIterationNumber():
-            self.saddle_at_start = self.inertia.saddle
-            self.inertia.begin()
-        if self.problem.attained and self.controls.descend:
-            self.inertia.descend(self.snes.getFunction()[0], y)
-        self.problem.model.last.x.array[:] = self.problem.model.field.x.array
-        inside = (
-            self.problem.point_stress.correct(self.factor, y) if self.problem.point_stress else 1.0
-        )
-        length = min(inside, self._limit(y))
-        if self.problem.point_stress:
-            self.problem.point_stress.go(length)
-        elif self.problem.attained and self.controls.line_search:
-            length = self._go_down(x, y, length)
+            self.saddle_at_start = self.spectrum.saddle
+            self.spectrum.begin()
+        if problem.attained and self._options.descend:
+            self.spectrum.shift(self.snes.getFunction()[0], y)
+        model.last.x.array[:] = model.field.x.array
+        inside = problem.point_stress.correct(self.linear, y) if problem.point_stress else 1.0
+        length = min(inside, self.admissible_length(y))
+        if problem.point_stress:
+            problem.point_stress.advance(length)
+        elif problem.attained:
+            length = self.search_line(x, y, length)
         else:
             self._search.forget()
+        self._length = length
         if length < 1.0:
             y.scale(length)
         return length < 1.0
 
+    def admissible_length(self, y: Any) -> float:
+        """Return the largest length of a step (to be subtracted) that is surely admissible."""
+        self.step[:] = -y.array_r
+        return CROSSING_SHARE * self.crossing.limit(self.step)
+
+    def search_line(self, x: Any, y: Any, longest: float) -> float:
+        """Return a step length that lowers the potential, of another step if need be.
+
+        Args:
+            x: The iterate.
+            y: Newton's step, to be subtracted; that by the positive part may overwrite it.
+            longest: First length to try.
+        """
+        search, noise, force = self._search, self._convergence.noise, self.snes.getFunction()[0]
+        before, saddle = (search.potential, search.failures), self.spectrum.saddle
+        length = search.along(self.step, force.dot(y), longest, noise, loose=not saddle)
+        if length == longest or not saddle:
+            return length
+        weight = self.problem.model.geometric_weight
+        with preserved(weight):
+            weight.value = 0.0
+            self.form_tangent(x)
+        if not self.spectrum.replace(force, y):
+            return length
+        search.potential, search.failures = before
+        longest = min(self.admissible_length(y), 1.0)
+        length = search.along(self.step, force.dot(y), longest, noise)
+        search.decrement = np.inf  # only the tangent itself converges quadratically
+        return length
+
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
-        """End where forces balance or nothing is gained any more."""
+        """Return PETSc's reason to end the solve, or that it goes on."""
         residual = norms[2]
         self._left = residual / self.norm if iteration and self.norm else np.inf
         self.norm = residual
+        if logger.isEnabledFor(logging.DEBUG):
+            self._log(iteration, residual)
         if not np.isfinite([residual, self.problem.force_norm]).all():
             return int(Reason.DIVERGED_FNORM_NAN)
-        if self.problem.attained and self._is_lawful():
+        if self.problem.attained and self._obeys_friction_laws():
             reason = self._convergence.reason(
                 residual,
                 self.problem.force_norm,
                 self._search.decrement,
                 self._search.potential or 0.0,
-                self._left if self._chord.taken else None,
+                self._left if self._reuse.taken else None,
             )
             if reason is not None:
                 return reason
@@ -286,51 +265,70 @@ class NewtonSolver:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        self.inertia.destroy()
+        self.spectrum.destroy()
         self.snes.destroy()
         self.solution.destroy()
 
-    def _limit(self, y: Any) -> float:
-        """Return the largest admissible length of a step; the limit keeps its direction."""
-        limit = CROSSING_SHARE * self.barrier.limit(-y.array_r)
-        return limit if self.controls.step_limit else 1.0
+    def _create_snes(self, prefix: str) -> Any:
+        snes = PETSc.SNES().create(self.problem.model.comm)
+        snes.setOptionsPrefix(prefix)
+        snes.setType("newtonls")
+        snes.setTolerances(max_it=self._options.max_iterations)
+        ksp = snes.getKSP()
+        ksp.setOptionsPrefix(f"{prefix}newton_")  # those without newton_ are of the direct solver
+        snes.setFromOptions()
+        ksp.setType("python")
+        ksp.setPythonContext(_Linear(self.linear))
+        ksp.getPC().setType("none")
+        snes.setFunction(self.evaluate_residual, self.problem.residual)
+        snes.setJacobian(self.evaluate_jacobian, self._matrix)
+        snes.setObjective(self.evaluate_objective)
+        snes.setLineSearchPreCheck(self.limit_step)
+        snes.setConvergenceTest(self.test)
+        return snes
 
-    def _go_down(self, x: Any, y: Any, longest: float) -> float:
-        """Return a step length that lowers the potential, of another step if need be."""
-        search, noise, force = self._search, self._convergence.noise, self.snes.getFunction()[0]
-        before = search.potential, search.failures
-        length = search.along(force.dot(y), longest, noise, loose=not self.inertia.saddle)
-        if length == longest or not self.inertia.saddle:
-            return length
-        whole = self.problem.model.whole
-        with preserved(whole):
-            whole.value = 0.0
-            self.form_tangent(x)
-        if not self.inertia.replace(force, y):
-            return length
-        search.potential, search.failures = before
-        length = search.along(force.dot(y), min(self._limit(y), 1.0), noise)
-        search.decrement = np.inf  # convergence is quadratic with the whole tangent alone
-        return length
+    def _obeys_friction_laws(self) -> bool:
+        """Return whether the stresses at points obey their laws."""
+        stress, tolerance = self.problem.point_stress, self._options.tolerance
+        return stress is None or stress.obeys_law(tolerance, self._energy_scale)
 
-    def _is_lawful(self) -> bool:
-        """Return whether the carried stresses meet their laws."""
-        carried, tolerance = self.problem.point_stress, self.controls.tolerance
-        return carried is None or carried.settled(tolerance, self._scale_of_energy)
-
-    def _scale_of_energy(self) -> float:
+    def _energy_scale(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
         return self._convergence.scale_of(self._search.measure())
 
-    def _serves(self) -> bool:
+    def _is_reusable(self) -> bool:
         """Return whether the tangent serves for another step; collective."""
         late = 2 * self.snes.getIterationNumber() > self._most
-        usual = self.factor.keeps and self.factor.definite and not self.inertia.altered
-        if late or not usual or not self._chord.promises(self._left):
+        usual = self.linear.keeps and self.linear.definite and not self.spectrum.altered
+        if late or not usual or not self._reuse.promises(self._left):
             return False
-        return not self.factor.negatives and self._way_from(self._began) <= UNSEEN
+        return not self.linear.negatives and self._distance(self._began) <= UNSEEN
 
-    def _way_from(self, place: NDArray[np.float64]) -> float:
-        """Return how far a place is from here, over the way from the last solution; collective."""
+    def _distance(self, place: Array) -> float:
+        """Return the distance of unknowns from the present ones, relative; collective.
+
+        It is over the distance of the present ones from the last solution.
+        """
         now = self.solution.array_r
-        return distance_over(self.problem.model.comm, now, place, self._before)
+        return relative_distance(self.problem.model.comm, now, place, self._before)
+
+    def _log(self, iteration: int, residual: float) -> None:
+        """Log the iterate and the step that led to it; collective."""
+        norms = self.problem.residual_norms()
+        potential = self._search.potential
+        if potential is None:
+            potential = self.problem.energy()
+        step = "start"
+        if iteration:
+            tangent = self.spectrum.modification or ("reused" if self._reuse.taken else "new")
+            linear = f"{self._cg} CG iterations" if self._cg else "new factor"
+            step = f"step {self._length:.3g}, tangent {tangent}, {linear}"
+        fields = ", ".join(f"|r_{i}| {norm:.3e}" for i, norm in enumerate(norms, start=1))
+        logger.debug(
+            "%3d |r| %.6e N (%s), potential %.9e J, %s",
+            iteration,
+            residual,
+            fields,
+            potential,
+            step,
+        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx.fem import petsc as fem_petsc
@@ -12,7 +12,9 @@ from petsc4py import PETSc
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
-from wovenfab.solver.point_friction import PointStress
+
+if TYPE_CHECKING:
+    from wovenfab.solver.point_friction import PointStress
 
 #: PETSc's event for the assembly of a tangent, as in its table for ``-log_view``.
 TANGENT = "Tangent"
@@ -55,7 +57,7 @@ class Problem:
         field.x.scatter_forward()
 
     def begin(self) -> None:
-        """Look whether the field has the prescribed placements already."""
+        """Check whether the field has the prescribed placements already."""
         self.attained = not self.constraints.unmet(self.model.field)
 
     def evaluate_residual(self, b: Any) -> None:
@@ -102,6 +104,15 @@ class Problem:
         assemble_matrix(matrix, self.model.jacobian, self.constraints.bcs)
         matrix.getDiagonal(self._diagonal)
         return float(self._diagonal.norm())
+
+    def residual_norms(self) -> list[float]:
+        """Return the norm (N) of the last residual for each placement; collective."""
+        values, placements = self.residual.array_r.reshape(-1, 2), self.model.placements
+        squares = []
+        for family in range(placements.count):
+            blocks = np.unique(placements.blocks[:, :, family])
+            squares.append(float((values[blocks[blocks < len(values)]] ** 2).sum()))
+        return [float(s) for s in np.sqrt(np.sum(self.model.comm.allgather(squares), axis=0))]
 
     def reactions(self) -> dict[str, tuple[float, float]]:
         """Return the force (N; x, y) of each held edge at the last residual; collective."""

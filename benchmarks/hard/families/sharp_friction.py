@@ -62,12 +62,13 @@ def largest_stress(measurement: Measurement, step: Step) -> float:
     """Return the largest stress over its bound, of all points; collective."""
     if step.number == 0:
         return 0.0
-    balance, carried = measurement.model.balance, measurement.equilibrium.problem.model.carried
+    balance = measurement.model.balance
+    frictions = measurement.equilibrium.problem.model.point_frictions
     here = [0.0]
-    for one in carried:
+    for one in frictions:
         strength = float(one.term.values["strength"].value)
         here.append(float(np.abs(one.stress.x.array).max(initial=0.0)) / strength)
-    for term in () if carried else balance.terms:
+    for term in () if frictions else balance.terms:
         if term.effect.bound is not None:
             here.append(float(np.abs(_stress(balance, term, measurement)).max(initial=0.0)))
     return float(max(measurement.model.comm.allgather(max(here))))

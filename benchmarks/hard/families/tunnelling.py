@@ -34,7 +34,7 @@ def crossings(setting: Setting) -> Figures:
         after.append(crossing.margin())
         field.x.array[:] = state
         limits.append(crossing.limit(crossing.direction.x.array))
-        f, df = crossing.derivatives()
+        f, df = crossing.derivatives(crossing.direction.x.array)
         exact.append(min(exact_crossing(f[k], df[k]) for k in range(len(f))))
     unknowns = measurement.model.unknowns
     measurement.destroy()
