@@ -32,8 +32,10 @@ from wovenfab.parallel import child_environment
 from wovenfab.record.results import write_whole
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
-_DATA = ("parallel", "log", "compat", "case", "record")
-COMPUTING = (*_DATA, "sheet", "model", "solver", "stepping", "simulation")
+COMPUTING = (
+    *("parallel", "log", "compat", "case", "sheet"),
+    *("model", "solver", "stepping", "record", "simulation"),
+)
 #: Seconds between two polls of the running processes.
 _PAUSE = 0.2
 #: Seconds from the request to end to the kill.
