@@ -15,6 +15,7 @@ from paper.measures import PLACE
 from wovenfab.case import Case, Cycles
 from wovenfab.record.results import Provenance
 from wovenfab.study.sweep import Member
+from wovenfab.study.table import markdown
 
 #: Pixels of the page for each inch of a picture, so that all sheets show at one scale.
 _PIXELS = 110
@@ -34,15 +35,6 @@ def listed(claim: Mapping[str, Any]) -> Iterator[str]:
 def image(file: str, width: float, name: str) -> str:
     """Return a picture of the folder ``paper`` that is ``width`` inches wide."""
     return f'<img src="paper/{file}" width="{round(_PIXELS * width)}" alt="{name}">'
-
-
-def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Yield a table; its first row has the headings, its first column texts."""
-    heads, *others = rows
-    yield f"| {' | '.join(heads)} |"
-    yield "|---|" + "---:|" * (len(heads) - 1)
-    for row in others:
-        yield f"| {' | '.join(row)} |"
 
 
 Account = Mapping[str, Any]
@@ -190,7 +182,7 @@ def _figures(account: Account) -> Iterator[str]:
         yield ""
         yield f"The paper: {figure['says'][0].lower()}{figure['says'][1:]}"
         yield ""
-        yield from table(figure["numbers"])
+        yield markdown(figure["numbers"][0], figure["numbers"][1:])
         yield ""
         cases = (account["runs"][run]["case"] for run in figure["runs"])
         yield "Alone: " + ", ".join(f"`wovenfab run configs/paper/{case}`" for case in cases)
@@ -294,7 +286,7 @@ def elements(account: Mapping[str, Any]) -> Iterator[str]:
     yield ""
     yield "*The largest cycle of Figure 3 with other elements, and (wide, grey) the reference.*"
     yield ""
-    yield from table(content["loops"])
+    yield markdown(content["loops"][0], content["loops"][1:])
     yield ""
     yield (
         "Errors are those of elements against the reference, which may jump, has degree 4 and is "
@@ -311,7 +303,7 @@ def elements(account: Mapping[str, Any]) -> Iterator[str]:
         "displacement of the 1:3 sample.*"
     )
     yield ""
-    yield from table(content["pulls"])
+    yield markdown(content["pulls"][0], content["pulls"][1:])
     yield ""
     yield image(YARNS, widths[YARNS], "Yarns where one through a corner is crossed")
     yield ""

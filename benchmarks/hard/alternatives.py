@@ -19,6 +19,7 @@ from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.options import SolveResult, SolverOptions
 from wovenfab.solver.problem import Problem
 from wovenfab.stepping.step_size import CUT, StepSizeControl
+from wovenfab.study.table import markdown
 
 BONDED = Setting("bonded-1x3", ("discretisation.penalty=auto", "solver.stability=ignore"))
 GRADED = (
@@ -284,10 +285,8 @@ def compare() -> dict[str, dict[str, Tally]]:
 
 def section(tallies: Mapping[str, Mapping[str, Mapping[str, Any]]]) -> str:
     """Return the section of the page."""
-    lines = [TEXT, "| | " + " | ".join(CASES) + " |", "|---|" + "---:|" * len(CASES)]
-    for way, of_way in tallies.items():
-        lines.append(f"| {way} | " + " | ".join(_cell(of_way[name]) for name in CASES) + " |")
-    return "\n".join(lines) + "\n"
+    rows = [[way, *(_cell(of_way[name]) for name in CASES)] for way, of_way in tallies.items()]
+    return f"{TEXT}\n{markdown(['', *CASES], rows)}\n"
 
 
 def _cell(tally: Mapping[str, Any]) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.hard.results import Result
 from benchmarks.hard.row import Family, Figures, Row, verdict
+from wovenfab.study.table import markdown
 
 HEAD = """# Hard cases
 
@@ -58,14 +59,9 @@ def picture_name(family: Family) -> str:
 
 def table(families: Iterable[Family], results: Mapping[str, Result]) -> str:
     """Return the table in Markdown."""
-    lines = ["| " + " | ".join(COLUMNS) + " |", "|---|---|---:|---:|---:|---:|---:|---:|---|---|"]
-    for family in families:
-        lines += [
-            "| " + " | ".join(cells(row, results[row.name])) + " |"
-            for row in family.rows
-            if row.name in results
-        ]
-    return "\n".join(lines) + "\n"
+    rows = [row for family in families for row in family.rows if row.name in results]
+    text = markdown(COLUMNS, [cells(row, results[row.name]) for row in rows], (0, 1, 8, 9))
+    return f"{text}\n"
 
 
 def cells(row: Row, result: Result) -> list[str]:

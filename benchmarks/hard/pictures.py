@@ -301,9 +301,9 @@ def draw_scales(figures: Mapping[str, Figures], picture: Picture) -> None:
         for (name, f), colour, mark in zip(
             figures.items(), sequence(len(figures)), MARKS, strict=False
         ):
-            apart = np.maximum(f.series["apart"], 1e-17)
+            differences = np.maximum(f.series["differences"], 1e-17)
             label = name.removeprefix("scale-")
-            axes.plot(QUANTITIES, apart, mark, color=colour, label=label, markersize=5)
+            axes.plot(QUANTITIES, differences, mark, color=colour, label=label, markersize=5)
         axes.set_yscale("log")
         axes.set_ylim(3e-18, 1e-8)
         threshold(axes, 1e-9, "at most 1e-9")
@@ -316,9 +316,9 @@ def draw_long(figures: Mapping[str, Figures], picture: Picture) -> None:
     (f,) = figures.values()
     _, dark = sequence(2)
     with panels(picture, 3, 2.4) as (first, second, third):
-        apart = np.array(f.series["apart"][:-1])
-        cycle = np.arange(1, len(apart) + 1)
-        first.plot(cycle, np.maximum(apart, 1e-17), ".", color=dark)
+        differences = np.array(f.series["differences"][:-1])
+        cycle = np.arange(1, len(differences) + 1)
+        first.plot(cycle, np.maximum(differences, 1e-17), ".", color=dark)
         first.set_yscale("log")
         threshold(first, 1e-6, "at most 1e-6")
         first.set_ylabel("change up to the last cycle")

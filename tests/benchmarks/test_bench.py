@@ -18,7 +18,7 @@ def section(value: float, at_least: bool) -> Callable[[], list[Figure]]:
     ("value", "at_least", "kept"),
     [(1.9, False, True), (2.1, False, False), (2.1, True, True), (1.9, True, False)],
 )
-def test_a_figure_is_kept_on_the_right_side_of_its_limit(
+def test_a_figure_is_within_its_limit_on_the_right_side_of_its_limit(
     value: float, at_least: bool, kept: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([], {"one": section(value, at_least)}) == (0 if kept else 1)
@@ -40,6 +40,6 @@ def test_an_unknown_section_is_named_with_those_that_there_are(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     assert main(["speed"]) == 2
-    told = capsys.readouterr().out
-    assert "'speed'" in told
-    assert all(name in told for name in SECTIONS)
+    output = capsys.readouterr().out
+    assert "'speed'" in output
+    assert all(name in output for name in SECTIONS)

@@ -30,7 +30,7 @@ def unsearched(row: Row) -> Row:
     return row.with_solver(Unsearched)
 
 
-def found(change: Change, name: str) -> str:
+def missed(change: Change, name: str) -> str:
     """Return what keeps a small row from passing with a changed solver; empty if nothing."""
     row = change(row_named(name).small())
     return "; ".join(problems(row, row.run()))
@@ -48,7 +48,7 @@ def found(change: Change, name: str) -> str:
 def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
     change: Change, name: str, problem: str
 ) -> None:
-    assert re.search(problem, found(change, name))
+    assert re.search(problem, missed(change, name))
 
 
 @pytest.mark.parametrize(
@@ -56,4 +56,4 @@ def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
     [(plain, "locking-1x2-400"), (unlimited, "locking-1x2-400"), (unsearched, "locking-end")],
 )
 def test_rows_that_do_not_need_the_part_pass_without_it(change: Change, name: str) -> None:
-    assert found(change, name) == ""
+    assert missed(change, name) == ""

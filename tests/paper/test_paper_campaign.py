@@ -53,7 +53,7 @@ def paper(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def first(paper: Path) -> tuple[Path, str]:
-    """Return the folder of a campaign and what it said."""
+    """Return the folder of a campaign and its output."""
     ended = subprocess.run(
         [sys.executable, "-m", "paper", "coarse", "-o", "out"],
         cwd=paper.parent, text=True, capture_output=True, check=False,
@@ -63,32 +63,32 @@ def first(paper: Path) -> tuple[Path, str]:
 
 
 @pytest.fixture(scope="module")
-def found(paper: Path, first: tuple[Path, str]) -> list[Claim]:
+def measured(paper: Path, first: tuple[Path, str]) -> list[Claim]:
     return claims(campaign_of(paper), Results(first[0]))
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
-def test_the_claims_hold_on_a_coarse_mesh_already(number: int, found: list[Claim]) -> None:
-    claim = found[number - 1]
+def test_the_claims_hold_on_a_coarse_mesh_already(number: int, measured: list[Claim]) -> None:
+    claim = measured[number - 1]
     assert claim.number == number
     assert claim.holds, claim
 
 
-def test_the_claims_that_need_a_fine_mesh_have_plausible_measures(found: list[Claim]) -> None:
-    ratios, sizes, stiffnesses, stiffer = found[4].measures
+def test_the_claims_that_need_a_fine_mesh_have_plausible_measures(measured: list[Claim]) -> None:
+    ratios, sizes, stiffnesses, stiffer = measured[4].measures
     assert min(ratios.values + stiffnesses.values) > 0.6
     assert sizes.holds
     assert stiffer.holds
-    *shares, bending = (measure.values[0] for measure in found[5].measures)
+    *shares, bending = (measure.values[0] for measure in measured[5].measures)
     assert all(0.2 < share < 0.8 for share in shares)
     assert bending > 0.5
-    assert all(0.1 < measure.values[0] < 0.5 for measure in found[6].measures)
+    assert all(0.1 < measure.values[0] < 0.5 for measure in measured[6].measures)
 
 
-def test_each_claim_is_told_with_its_measures_and_verdict(
-    first: tuple[Path, str], found: list[Claim]
+def test_each_claim_is_printed_with_its_measures_and_verdict(
+    first: tuple[Path, str], measured: list[Claim]
 ) -> None:
-    for claim in found:
+    for claim in measured:
         assert f"{claim.number}. {claim.sentence}" in first[1]
         assert claim.verdict in first[1]
         for measure in claim.measures:
@@ -109,9 +109,9 @@ def test_all_figures_are_drawn_and_say_where_they_are_from(first: tuple[Path, st
     account = json.loads((first[0] / "paper" / "account.json").read_text())
     assert [figure.number for figure in FIGURES] == list(range(2, 14))
     for picture in PICTURES:
-        told = read_provenance(first[0] / "paper" / picture)
-        assert (told.command, told.commit) == (account["command"], account["commit"])
-        assert told.command.startswith("python3 -m paper ")
+        origin = read_provenance(first[0] / "paper" / picture)
+        assert (origin.command, origin.commit) == (account["command"], account["commit"])
+        assert origin.command.startswith("python3 -m paper ")
 
 
 def test_the_page_is_written_from_its_account(first: tuple[Path, str]) -> None:
@@ -124,7 +124,7 @@ def test_the_page_is_written_from_its_account(first: tuple[Path, str]) -> None:
 
 
 def test_yarns_that_bend_easily_shear_more_evenly(paper: Path, first: tuple[Path, str]) -> None:
-    """Which is the reason that is told for the claim that does not hold."""
+    """This is the reason given for the claim that does not hold."""
     campaign, results = campaign_of(paper), Results(first[0])
     given, limp = (evenness(campaign, results, campaign.limp[name]) for name in ("given", "limp"))
     assert 0.3 < given < limp - 0.1
@@ -132,9 +132,9 @@ def test_yarns_that_bend_easily_shear_more_evenly(paper: Path, first: tuple[Path
 
 def test_elements_that_cannot_jump_are_too_stiff(paper: Path, first: tuple[Path, str]) -> None:
     compared = compare(campaign_of(paper), Results(first[0]))
-    found = finding(compared)
-    assert found.holds, found
-    assert found.sentence in first[1]
+    claim = finding(compared)
+    assert claim.holds, claim
+    assert claim.sentence in first[1]
     for kind in ("continuous", "unstructured"):
         assert all(pull.error > 0.02 for pull in compared.pulls[kind])
         assert compared.profiles[kind].jump < 0.02 * compared.profiles["jumping"].jump

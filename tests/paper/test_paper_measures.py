@@ -24,28 +24,28 @@ def loop(force, amplitude: float = 0.08, period: float = 0.5) -> Loop:
     history = {
         "time_s": t, "displacement_m": u, "force_N": force(u, v), "dissipated_J": power,
     }  # fmt: skip
-    (found,) = loops_of(history, [(0.0, period)])
-    return found
+    (result,) = loops_of(history, [(0.0, period)])
+    return result
 
 
 def test_a_viscous_loop_is_an_ellipse() -> None:
     """Its width at a share s of the way is 4 pi c A/T sqrt(s(1-s)), its area pi^2 c A^2/(2T)."""
     k, c, amplitude, period = 1e4, 50.0, 0.08, 0.5
-    found = loop(lambda u, v: k * u + c * v, amplitude, period)
-    assert found.amplitude == pytest.approx(amplitude)
+    viscous = loop(lambda u, v: k * u + c * v, amplitude, period)
+    assert viscous.amplitude == pytest.approx(amplitude)
     for share in (0.05, 0.5, 0.95):
         width = 4 * np.pi * c * amplitude / period * np.sqrt(share * (1 - share))
-        assert found.width(share) == pytest.approx(width, rel=1e-3)
-    assert found.dissipated == pytest.approx(np.pi**2 * c * amplitude**2 / (2 * period), rel=1e-4)
-    assert found.nonlinearity == pytest.approx(1, abs=1e-6)
+        assert viscous.width(share) == pytest.approx(width, rel=1e-3)
+    assert viscous.dissipated == pytest.approx(np.pi**2 * c * amplitude**2 / (2 * period), rel=1e-4)
+    assert viscous.nonlinearity == pytest.approx(1, abs=1e-6)
 
 
 def test_nonlinearity_is_that_of_the_middle() -> None:
     """Of u + a u^3 with friction: (1 + 7/4 a A^2)/(1 + 1/4 a A^2)."""
     a, amplitude = 80.0, 0.08
-    found = loop(lambda u, v: 1e4 * (u + a * u**3) + 60 * np.tanh(30 * v), amplitude)
+    viscous = loop(lambda u, v: 1e4 * (u + a * u**3) + 60 * np.tanh(30 * v), amplitude)
     x = a * amplitude**2
-    assert found.nonlinearity == pytest.approx((1 + 1.75 * x) / (1 + 0.25 * x), rel=1e-3)
+    assert viscous.nonlinearity == pytest.approx((1 + 1.75 * x) / (1 + 0.25 * x), rel=1e-3)
 
 
 def test_distance_is_the_largest_difference_over_the_peak() -> None:
@@ -77,7 +77,7 @@ def test_shares_of_the_sheet() -> None:
     assert field(lambda x, y: 1 + 0 * x).share_with_most(0.9) == pytest.approx(0.9, abs=0.005)
 
 
-def test_likeness_knows_no_size_but_the_pattern() -> None:
+def test_likeness_depends_on_the_pattern_and_not_on_the_size() -> None:
     short = field(lambda x, y: np.exp(-x / 0.1) * y, 0.6, 200)
     assert likeness(short, field(lambda x, y: 5 * np.exp(-x / 0.1) * y), 0.3, 0.3) > 0.9999
     assert likeness(short, field(lambda x, y: -np.exp(-x / 0.1) * y), 0.3, 0.3) < -0.9999
@@ -91,14 +91,14 @@ def test_a_share_near_the_mean_is_that_of_a_part() -> None:
     assert ramp.share_near_mean(0.1, middle) == pytest.approx(0.3, abs=0.01)
 
 
-def test_the_jump_across_the_yarn_through_a_corner_is_found(tmp_path: Path) -> None:
+def test_the_jump_across_the_yarn_through_a_corner_is_measured(tmp_path: Path) -> None:
     """Of the made-up run, whose family 1 jumps there by 0.3 of its slip, and nowhere else."""
     results = make(tmp_path / "run", [0.06])
     sheet = Rectangle(length=LENGTH, width=WIDTH, fibres=[np.pi / 4, -np.pi / 4])
     place = 0.3
     along = (place / np.sqrt(2) - WIDTH / 2) / (LENGTH - WIDTH)
-    found = profile(results, sheet, place)
-    assert found.jump == pytest.approx(-0.3 * SLIP * np.sin(np.pi * along) ** 2, rel=0.05)
+    line = profile(results, sheet, place)
+    assert line.jump == pytest.approx(-0.3 * SLIP * np.sin(np.pi * along) ** 2, rel=0.05)
     assert abs(profile(results, sheet, 0.2).jump) < 2e-6  # where that slip is none
 
 

@@ -67,8 +67,8 @@ def counted(path: Path) -> Runner:
     """Return a runner in this process whose times are counts, the same on every machine."""
 
     def run(setting: Setting) -> Measured:
-        found = measure(read_case(path, setting.overrides))
-        return replace(found, setup=0.0, stepping=1e-4 * found.unknowns * found.steps)
+        measured = measure(read_case(path, setting.overrides))
+        return replace(measured, setup=0.0, stepping=1e-4 * measured.unknowns * measured.steps)
 
     return run
 
@@ -79,30 +79,30 @@ def studied(path: Path, budget: float) -> Study:
 
 @pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_space_are_the_true_ones(tmp_path: Path) -> None:
-    found = studied(written(tmp_path, SPRINGS), 12.0)
+    study = studied(written(tmp_path, SPRINGS), 12.0)
     compliance = quad(lambda x: 1 / (1e5 * (1 + 0.9 * sin(7 * x))), 0, 1, epsabs=1e-16, limit=200)
     exact = 0.5 * 1e-3 / compliance[0]
-    best = found.best["space"][PEAK_FORCE]
+    best = study.best["space"][PEAK_FORCE]
     true = abs(best.value - exact)
     print(f"\nbest {best.value:.8g} N ± {best.error:.1e}, exact {exact:.8g}, off {true:.1e}")
     assert true <= 3 * best.error
     assert best.relative < 1e-3
     compared = 0
-    for run in found.space:
+    for run in study.space:
         wrong = abs(run.measured.values[PEAK_FORCE] - exact)
         if wrong > 3 * best.error:
             compared += 1
-            assert found.errors(run)[PEAK_FORCE] * exact == pytest.approx(wrong, rel=0.35)
+            assert study.errors(run)[PEAK_FORCE] * exact == pytest.approx(wrong, rel=0.35)
     assert compared > 3
-    for target, run in found.chosen.items():
+    for target, run in study.chosen.items():
         if run is not None:
             assert abs(run.measured.values[PEAK_FORCE] / exact - 1) <= target
-    assert found.chosen[0.01] is not None
+    assert study.chosen[0.01] is not None
 
 
 @pytest.mark.slow  # what a study finds depends on the time it has
 def test_errors_in_time_and_together_are_the_true_ones(tmp_path: Path) -> None:
-    found = studied(written(tmp_path, PULL), 60.0)
+    study = studied(written(tmp_path, PULL), 60.0)
     times = np.linspace(0, 2, 4001)
     y, force = bias_pull(0.3, 2.0, times)
     x = 1 + 0.15 * (1 - np.cos(np.pi * times))
@@ -114,29 +114,29 @@ def test_errors_in_time_and_together_are_the_true_ones(tmp_path: Path) -> None:
     }
     compared = 0
     for name, true in exact.items():
-        best = found.best["both"][name]
+        best = study.best["both"][name]
         off = abs(best.value - true)
         print(
             f"\n{name}: best {best.value:.7g} ± {best.error:.1e}, exact {true:.7g}, off {off:.1e}"
         )
         assert off <= 2 * best.error
         assert best.relative < 1e-3
-        for run in (*found.time, *found.both):
+        for run in (*study.time, *study.both):
             wrong = abs(run.measured.values[name] - true)
             if wrong > 3 * best.error:
                 compared += 1
-                estimated = found.errors(run)[name] * abs(true)
+                estimated = study.errors(run)[name] * abs(true)
                 assert estimated == pytest.approx(wrong, rel=0.35)
     assert compared > 10
     for target in TARGETS[:2]:
-        run = found.chosen[target]
+        run = study.chosen[target]
         assert run is not None
         for name, true in exact.items():
             assert abs(run.measured.values[name] / true - 1) <= target
 
 
 @pytest.mark.parametrize("order", [1.0, 2.0, 3.5])
-def test_the_order_is_found_from_sizes_of_any_ratio(order: float) -> None:
+def test_the_order_from_sizes_of_any_ratio(order: float) -> None:
     sizes = (1.0, 0.7, 0.2)
     values = tuple(5 - 2 * h**order for h in sizes)
     assert order_of(sizes, values) == pytest.approx(order)
@@ -187,13 +187,13 @@ def test_rms_beta_is_that_of_the_field() -> None:
     assert not RmsBeta(bonded).is_defined
 
 
-def test_the_command_keeps_its_runs_and_says_what_is_cheapest(
+def test_the_command_stores_its_runs_and_prints_what_is_cheapest(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path, output = written(tmp_path, SPRINGS), tmp_path / "study"
     assert study_accuracy(path, output, (), 1e-3) == 0
-    said = capfd.readouterr().out
-    assert "left" in said and "cheapest setting" in said
+    output = capfd.readouterr().out
+    assert "left" in output and "cheapest setting" in output
     with (output / "accuracy.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert rows and all(int(row["peak_memory_B"]) > 50e6 for row in rows)
@@ -216,8 +216,8 @@ def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path:
         StoredRuns(read_case(path), tmp_path / "runs", interrupt)(setting)
     assert not (tmp_path / "runs").exists()
     hopeless = Setting("space", "any", 2, "any", (), ("program.to=-2 m", "program.steps=1"))
-    found = StoredRuns(read_case(path), tmp_path / "runs")(hopeless)
-    assert "no equilibrium" in found.failure
+    measured = StoredRuns(read_case(path), tmp_path / "runs")(hopeless)
+    assert "no equilibrium" in measured.failure
 
 
 def test_a_case_without_a_mesh_size_is_refused_with_its_line(tmp_path: Path) -> None:

@@ -89,24 +89,24 @@ def studied(runner: Formula, budget: float = 300.0) -> Study:
 @pytest.mark.parametrize("mixed", [0.0, 4.0, -8.0])
 def test_every_accuracy_is_proven_and_the_errors_are_true_bounds(mixed: float) -> None:
     runner = Formula(mixed)
-    found = studied(runner)
+    study = studied(runner)
     for name, exact in EXACT.items():
-        best = found.best["both"][name]
+        best = study.best["both"][name]
         assert abs(best.value - exact) <= best.error < 1e-3 * exact
     for target in TARGETS:
-        run = found.chosen[target]
+        run = study.chosen[target]
         assert run is not None
         for name, exact in EXACT.items():
             assert abs(run.measured.values[name] / exact - 1) <= target
-    walls = [run.measured.wall for run in found.chosen.values() if run]
+    walls = [run.measured.wall for run in study.chosen.values() if run]
     assert walls == sorted(walls)
-    assert found.spent <= 300
+    assert study.spent <= 300
 
 
 def test_time_goes_to_methods_that_get_there() -> None:
     runner = Formula(1.0)
-    found = studied(runner)
-    runs = Counter(run.setting.method for run in found.runs if run.setting.stage != "both")
+    study = studied(runner)
+    runs = Counter(run.setting.method for run in study.runs if run.setting.stage != "both")
     assert runs["backward-euler"] == runs["P2 crossed"] == runs["P3 on fibres, no jumps"] == 3
     assert runs["bdf2"] > 5 and runs["P4 on fibres"] >= 3
     assert set(runner.ran.values()) == {1}, "no setting is paid for twice"
@@ -126,13 +126,13 @@ def test_a_ladder_rests_where_two_others_are_ahead_of_its_next_run() -> None:
 
 def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
     runner = Formula(4.0)
-    found = studied(runner, 40.0)
-    for target, run in found.chosen.items():
+    study = studied(runner, 40.0)
+    for target, run in study.chosen.items():
         for name, exact in EXACT.items():
             assert run is None or abs(run.measured.values[name] / exact - 1) <= target
-    assert found.chosen[TARGETS[0]] is not None
-    assert found.chosen[TARGETS[-1]] is None
-    assert found.spent <= 40
+    assert study.chosen[TARGETS[0]] is not None
+    assert study.chosen[TARGETS[-1]] is None
+    assert study.spent <= 40
     assert re.search("both (time|space) .*both", " ".join(runner.stages)), "it goes on"
 
 
@@ -176,16 +176,16 @@ def test_nothing_is_known_of_both_where_one_is_not_known() -> None:
 
 def test_a_forecast_adds_the_times_of_the_runs_that_are_needed() -> None:
     best = [Best(1.0, 0.0, "other")]
-    found = forecast([Refinement("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
-    assert found.error == pytest.approx(0.01)
-    assert found.time(0.01 / 4**3, 5.0, 3.0) == pytest.approx(5 + 15 + 45)
-    assert found.time(0.02, 5.0, 3.0) == 0
+    expected = forecast([Refinement("a", (1, 0.5, 0.25), (1.16, 1.04, 1.01), 2)], best)
+    assert expected.error == pytest.approx(0.01)
+    assert expected.time(0.01 / 4**3, 5.0, 3.0) == pytest.approx(5 + 15 + 45)
+    assert expected.time(0.02, 5.0, 3.0) == 0
     away = forecast([Refinement("a", (1, 0.5), (1.01, 1.04), 2)], best)
     assert away.time(0.01, 5.0, 3.0) == float("inf")
     assert forecast([Refinement("a", (1,), (1.0,), 2)], best) == Forecast()
 
 
-def test_a_pair_that_is_coarser_tells_nothing_of_the_base() -> None:
+def test_a_coarser_pair_does_not_change_the_mixed_part() -> None:
     for mixed in (0.0, 0.03, -0.03):
         assert together(mixed, (2.0, 4.0)).mixed == together(mixed).mixed
         assert together(mixed, (0.25, 4.0)).mixed == together(mixed).mixed

@@ -1,4 +1,4 @@
-"""What a scene costs is told by parts that make up no more than the whole."""
+"""The parts of the cost of a scene make up no more than the whole."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""Estimated errors against true ones, and the accuracy that the pilot reaches."""
+"""Estimated errors against true ones, and the accuracy that a plan reaches."""
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -66,14 +67,14 @@ def elements(degree: int, mesh_size: float) -> str:
 
 
 @pytest.mark.parametrize("rate", [0.7, 1.5, 3.0, 9.0])
-def test_the_limit_of_a_sequence_of_degrees_is_found(rate: float) -> None:
+def test_the_limit_of_a_sequence_of_degrees(rate: float) -> None:
     values = [10 + 4 * p**-rate for p in (2, 3, 4)]
-    found = error_of_degrees((2, 3, 4), values)
+    errors = error_of_degrees((2, 3, 4), values)
     true = [v - 10 for v in values]
-    assert found == pytest.approx(true, rel=1e-6 if rate >= 1 else 0.5)
+    assert errors == pytest.approx(true, rel=1e-6 if rate >= 1 else 0.5)
 
 
-def test_the_limit_of_steps_of_second_order_is_found() -> None:
+def test_the_limit_of_steps_of_second_order() -> None:
     values = (5 + 3 / 20**2, 5 + 3 / 50**2)
     assert error_of_steps((20, 50), values, 2) == pytest.approx((3 / 400, 3 / 2500))
 
@@ -92,9 +93,9 @@ def test_the_error_of_an_elastic_force_is_estimated(
 ) -> None:
     program = f"program={{type: ramp, to: {to} mm, steps: 8}}"
     case = case_of(name, program, elements(degree, mesh_size))
-    found = estimated(case)
+    estimate = estimated(case)
     force = response_of(case, sheet(case)).figures[PEAK]
-    effectivity = found.relative[PEAK] * force / (force - limit)
+    effectivity = estimate.relative[PEAK] * force / (force - limit)
     print(f"{name} P{degree} {mesh_size} m: {force:.3f} N, effectivity {effectivity:.2f}")
     assert LEAST < effectivity < MOST
 
@@ -122,19 +123,19 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
 
     steps = 32
     case, finer = of(3, 0.15, steps), of(4, 0.1, steps)
-    found = estimated(case, FEW * USUAL / steps)
+    estimate = estimated(case, FEW * USUAL / steps)
     low, high = (response_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
     few, many = (response_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
     limits = {PEAK: many.peak_force_bound, DISSIPATED: many.figures[DISSIPATED]}
-    for figure, error in found.relative.items():
+    for figure, error in estimate.relative.items():
         space = 1 - high[figure] / low[figure]
         time = 1 - limits[figure] / few.figures[figure]
         effectivity = error / abs(space + time)
-        assert found.time is not None
+        assert estimate.time is not None
         print(
-            f"{name} {figure}: elements {found.space[figure]:.3%} (true {space:.3%}), steps "
-            f"{found.time[figure]:.3%} (true {time:.3%}), effectivity {effectivity:.2f}"
+            f"{name} {figure}: elements {estimate.space[figure]:.3%} (true {space:.3%}), steps "
+            f"{estimate.time[figure]:.3%} (true {time:.3%}), effectivity {effectivity:.2f}"
         )
         assert LEAST < effectivity < MOST
 
@@ -146,15 +147,15 @@ def test_the_map_is_that_of_the_true_error(name: str) -> None:
     low, next_one, far_better = (
         response_of(with_elements(case, degree=p), on).model for p in (2, 3, 5)
     )
-    told, true = error_shares(low, next_one), error_shares(low, far_better)
-    assert told.sum() == pytest.approx(1)
+    shares, true = error_shares(low, next_one), error_shares(low, far_better)
+    assert shares.sum() == pytest.approx(1)
 
     def misplaced(share: np.ndarray) -> float:
         return float(np.abs(share - true).sum() / 2)
 
-    print(f"{name}: {misplaced(told):.3f} of the error in wrong cells")
-    assert misplaced(told) < 0.2
-    assert misplaced(told) < misplaced(np.full(len(told), 1 / len(told))) / 2
+    print(f"{name}: {misplaced(shares):.3f} of the error in wrong cells")
+    assert misplaced(shares) < 0.2
+    assert misplaced(shares) < misplaced(np.full(len(shares), 1 / len(shares))) / 2
 
 
 @pytest.mark.parametrize("name", ["bonded-1x3", "elastic-1x3"])
@@ -172,26 +173,33 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
     assert prolongated(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
 
 
-def test_the_pilot_reaches_what_it_says() -> None:
+def test_a_plan_reaches_its_accuracy_and_logs_its_choices(
+    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger("wovenfab"), "propagate", True)
+    caplog.set_level(logging.INFO, logger="wovenfab.study")
     case = case_of(
         "elastic-1x3",
         "accuracy=1 %",
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    found = plan(case, sheet, lambda text: None)
-    assert found.estimate is not None
-    assert not found.shortfall
-    force = response_of(found.case, found.sheet).figures["peak_force_N"]
-    print(f"{found.case.discretisation}, {force:.3f} N, said {found.estimate.worst:.2%}")
+    chosen = plan(case, sheet, lambda text: None)
+    assert chosen.estimate is not None
+    assert not chosen.shortfall
+    force = response_of(chosen.case, chosen.sheet).figures["peak_force_N"]
+    print(f"{chosen.case.discretisation}, {force:.3f} N, estimated {chosen.estimate.worst:.2%}")
     assert abs(force / 122.110 - 1) < 0.01
-    assert found.estimate.worst <= 0.01
+    assert chosen.estimate.worst <= 0.01
+    d = chosen.case.discretisation
+    assert f"elements: degree {d.degree}, mesh size {d.mesh_size} m" in caplog.text
+    assert "trial: mesh size" in caplog.text
 
 
 @pytest.mark.parametrize(
     ("limits", "reason"), [(Limits(1.2e8), "GB of memory"), (Limits(1e12, time=0.0), "trials take")]
 )
-def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
+def test_what_memory_or_time_do_not_allow_is_reported_with_the_best(
     limits: Limits, reason: str
 ) -> None:
     case = case_of(
@@ -200,10 +208,10 @@ def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    found = plan(case, sheet, lambda text: None, limits)
-    assert reason in found.shortfall
-    assert found.estimate is not None
-    assert found.estimate.worst > 1e-5
+    chosen = plan(case, sheet, lambda text: None, limits)
+    assert reason in chosen.shortfall
+    assert chosen.estimate is not None
+    assert chosen.estimate.worst > 1e-5
 
 
 @pytest.mark.parametrize(
@@ -214,34 +222,39 @@ def test_what_memory_or_time_do_not_allow_is_said_with_the_best_reached(
         pytest.param("spin-1x3", 363.19, 4.6439, marks=pytest.mark.slow),
     ],
 )
-def test_a_cycle_with_friction_is_as_accurate_as_asked_and_said(
+def test_a_cycle_with_friction_is_as_accurate_as_asked_and_estimated(
     name: str, force: float, dissipated: float
 ) -> None:
     case = case_of(name, "accuracy=1 %", "discretisation=null", "time=null", CYCLE)
-    found = plan(case, sheet, lambda text: None)
-    assert not found.shortfall
-    assert found.estimate is not None
-    assert found.estimate.worst < 0.01
-    trace = response_of(found.case, found.sheet)
+    chosen = plan(case, sheet, lambda text: None)
+    assert not chosen.shortfall
+    assert chosen.estimate is not None
+    assert chosen.estimate.worst < 0.01
+    response = response_of(chosen.case, chosen.sheet)
     for figure, limit in ((PEAK, force), (DISSIPATED, dissipated)):
-        error, said = abs(trace.figures[figure] / limit - 1), found.estimate.relative[figure]
-        print(f"{name} {figure}, {trace.count} steps: said {said:.2%}, true {error:.2%}")
-        assert error < said < 0.01
+        error, estimate = (
+            abs(response.figures[figure] / limit - 1),
+            chosen.estimate.relative[figure],
+        )
+        print(
+            f"{name} {figure}, {response.count} steps: estimated {estimate:.2%}, true {error:.2%}"
+        )
+        assert error < estimate < 0.01
 
 
 @pytest.mark.parametrize("factor", ["kept", "renewed"])
-def test_steps_that_begin_near_a_lower_degree_take_fewer_tangents(factor: str) -> None:
+def test_steps_that_start_from_a_lower_degree_take_fewer_tangents(factor: str) -> None:
     """Where all are renewed, each iteration takes one."""
     chosen = CYCLE, f"solver.factor={factor}", elements(2, 0.15)
     case = trial_of(case_of("bias-1x3", *chosen), 1e-4)
     on = sheet(case)
     low = response_with_degree(case, on, 3)
-    afresh, near = response_with_degree(case, on, 4), response_with_degree(case, on, 4, lower=low)
-    print(f"\n{near.outcome.tangents} tangents near, {afresh.outcome.tangents} afresh")
-    assert near.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.peak_force_bound)
-    assert near.figures == pytest.approx(afresh.figures, rel=1e-5)
-    assert near.outcome.tangents < 0.9 * afresh.outcome.tangents
-    assert list(near.states) == list(near.times)
+    afresh, guided = response_with_degree(case, on, 4), response_with_degree(case, on, 4, lower=low)
+    print(f"\n{guided.outcome.tangents} tangents from a guess, {afresh.outcome.tangents} afresh")
+    assert guided.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.peak_force_bound)
+    assert guided.figures == pytest.approx(afresh.figures, rel=1e-5)
+    assert guided.outcome.tangents < 0.9 * afresh.outcome.tangents
+    assert list(guided.states) == list(guided.times)
     assert not response_of(case, on).states
 
 
@@ -249,12 +262,12 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     """A ramp of few steps, whose first two trials both have the fewest that there are."""
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
-    said: list[str] = []
-    found = steps_for(case, trial_of(case, 0.05), sheet(case), 0.05, said.append)
-    first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in said[:3])
+    lines: list[str] = []
+    chosen = steps_for(case, trial_of(case, 0.05), sheet(case), 0.05, lines.append)
+    first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines[:3])
     assert first == second < third
-    assert found is not None
-    assert abs(worst(found.errors)) <= 0.05
+    assert chosen is not None
+    assert abs(worst(chosen.errors)) <= 0.05
 
 
 def test_steps_are_thinned_alike_in_all_segments() -> None:

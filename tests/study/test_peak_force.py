@@ -26,7 +26,7 @@ BOTH = pytest.mark.parametrize("largest", [peak_force_bound, smooth_peak_of])
 
 
 @BOTH
-def test_a_parabola_is_found_whatever_the_steps(largest: Largest) -> None:
+def test_the_peak_of_a_parabola_is_exact_whatever_the_steps(largest: Largest) -> None:
     times = np.array([0.0, 0.1, 0.3, 0.5, 0.9, 1.6, 2.0, 2.1, 2.3])
     forces = 4 - (times - 1) ** 2
     assert largest(times, forces) == pytest.approx(4, rel=1e-5)
@@ -42,7 +42,7 @@ def test_at_the_first_or_last_step_nothing_lies_beyond(largest: Largest) -> None
 
 
 @pytest.mark.parametrize("kink", [0.0, 0.1])
-def test_a_crest_between_steps_is_found(kink: float) -> None:
+def test_the_bound_is_close_to_a_peak_between_steps(kink: float) -> None:
     def force(t: np.ndarray) -> np.ndarray:
         late = np.maximum(t - 0.473, 0)
         return np.asarray(1 - np.cos(2 * np.pi * t) - 20 * kink * late)
@@ -55,7 +55,7 @@ def test_a_crest_between_steps_is_found(kink: float) -> None:
 
 
 def test_where_a_layer_is_not_resolved_the_peak_is_not_overshot() -> None:
-    def force(t: np.ndarray) -> np.ndarray:  # friction that turns round within a step
+    def force(t: np.ndarray) -> np.ndarray:  # friction that reverses within a step
         return np.asarray(10 * t * (2 - t) - np.tanh((t - 1) / 0.02))
 
     true = force(np.linspace(0.9, 1.1, 100_001)).max()
@@ -75,7 +75,7 @@ def test_long_steps_do_not_overshoot_a_round_top() -> None:
 
 
 @BOTH
-def test_where_the_velocity_jumps_the_step_itself_is_the_crest(largest: Largest) -> None:
+def test_where_the_velocity_jumps_the_step_itself_is_the_peak(largest: Largest) -> None:
     times = np.arange(9.0)
     relaxing = np.concatenate([np.arange(5.0), 2 + 2 * np.exp(-np.arange(1.0, 5.0))])
     assert largest(times, relaxing) == pytest.approx(4)
@@ -83,7 +83,7 @@ def test_where_the_velocity_jumps_the_step_itself_is_the_crest(largest: Largest)
     assert largest(times, dropping) == pytest.approx(4)
 
 
-def test_a_peak_between_steps_is_found_and_a_kink_is_not_overshot() -> None:
+def test_at_a_kink_the_step_itself_is_the_peak() -> None:
     times = np.array([0.0, 0.5, 0.9, 1.6, 2.0])
     forces = 4 - (times - 1) ** 2
     assert interpolated_peak_force(times, forces, [False] * 5) == pytest.approx(4)

@@ -68,9 +68,9 @@ def test_code_counts_and_comments_do_not(change: str, matters: bool, tmp_path: P
         source.write_text(source.read_text() + (change if "solver" in name else "AND = 2\n"))
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
     script = "from wovenfab.study.runner import code; print(code())"
-    told = subprocess.run(
+    ended = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin"},
         text=True, capture_output=True, check=True,
     )  # fmt: skip
-    assert (told.stdout.strip() != code()) is matters
+    assert (ended.stdout.strip() != code()) is matters

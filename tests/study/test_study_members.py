@@ -25,14 +25,14 @@ def length(member: Member) -> float:
 
 
 def test_every_combination_is_a_member() -> None:
-    found = over("sheet.length=0.6 m,0.9 m,1.2 m", "effects.slip_friction.slope=70,700 s/m")
-    assert [m.label for m in found[:2]] == [
+    members = over("sheet.length=0.6 m,0.9 m,1.2 m", "effects.slip_friction.slope=70,700 s/m")
+    assert [m.label for m in members[:2]] == [
         "length=0.6 m, slope=70",
         "length=0.6 m, slope=700 s/m",
     ]
-    assert found[1].name == "length=0.6m,slope=700s_m"
-    told = [(length(m), m.case.effects["slip_friction"]["slope"]) for m in found]
-    assert told == [(a, b) for a in (0.6, 0.9, 1.2) for b in (70.0, 700.0)]
+    assert members[1].name == "length=0.6m,slope=700s_m"
+    lengths = [(length(m), m.case.effects["slip_friction"]["slope"]) for m in members]
+    assert lengths == [(a, b) for a in (0.6, 0.9, 1.2) for b in (70.0, 700.0)]
 
 
 def test_lists_and_mappings_are_values_too() -> None:
@@ -43,9 +43,9 @@ def test_lists_and_mappings_are_values_too() -> None:
     assert only.steps == 7
 
 
-def test_keys_that_end_alike_are_told_apart() -> None:
-    (found,) = over("effects.bending.stiffness=1", "effects.stretch.stiffness=2")
-    assert found.label == "bending.stiffness=1, stretch.stiffness=2"
+def test_keys_that_end_alike_are_distinguished() -> None:
+    (member,) = over("effects.bending.stiffness=1", "effects.stretch.stiffness=2")
+    assert member.label == "bending.stiffness=1, stretch.stiffness=2"
 
 
 def test_null_takes_out() -> None:
@@ -55,8 +55,8 @@ def test_null_takes_out() -> None:
 
 
 def test_case_files_are_members_by_their_names() -> None:
-    found = over(paths=(CONFIGS[0], CONFIGS[1]))
-    assert [m.name for m in found] == [CONFIGS[0].stem, CONFIGS[1].stem]
+    members = over(paths=(CONFIGS[0], CONFIGS[1]))
+    assert [m.name for m in members] == [CONFIGS[0].stem, CONFIGS[1].stem]
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
@@ -66,7 +66,7 @@ def test_the_planned_steps_are_those_of_the_program(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("texts", "told"),
+    ("texts", "message"),
     [
         (
             ["sheet.length"],
@@ -85,10 +85,10 @@ def test_the_planned_steps_are_those_of_the_program(path: Path) -> None:
         ),
     ],
 )
-def test_what_cannot_be_varied_is_told(texts: list[str], told: str) -> None:
+def test_what_cannot_be_varied_is_reported(texts: list[str], message: str) -> None:
     with pytest.raises(CaseError) as caught:
         over(*texts)
-    assert str(caught.value) == told
+    assert str(caught.value) == message
 
 
 def sweep_file(folder: Path, text: str) -> Path:
@@ -109,20 +109,20 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
     )
     assert is_sweep_file(path)
     assert not is_sweep_file(BIAS)
-    told = read_sweep_file(path)
-    found = members_of(told.cases, told.variations)
-    assert [m.name for m in found] == [
+    content = read_sweep_file(path)
+    members = members_of(content.cases, content.variations)
+    assert [m.name for m in members] == [
         "soft,length=0.6m",
         "soft,length=0.9m",
         "stiff,length=0.6m",
         "stiff,length=0.9m",
     ]
-    assert found[0].case.effects["stretch"]["stiffness"] == (8.55e7, 8.55e7)
-    assert found[3].case.effects["stretch"]["stiffness"] == (1.27e8, 1.27e8)
+    assert members[0].case.effects["stretch"]["stiffness"] == (8.55e7, 8.55e7)
+    assert members[3].case.effects["stretch"]["stiffness"] == (1.27e8, 1.27e8)
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("case: no.yaml", ":1: case: there is no file 'no.yaml'. Names are relative to the case"),
         ("case: cases/bias.yaml\novr: 1", ":2: ovr: unknown key. Did you mean 'over'?"),
@@ -143,11 +143,11 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
         ),
     ],
 )
-def test_a_mistake_in_a_sweep_file_is_told_with_its_line(
-    text: str, told: str, tmp_path: Path
+def test_a_mistake_in_a_sweep_file_is_reported_with_its_line(
+    text: str, message: str, tmp_path: Path
 ) -> None:
     path = sweep_file(tmp_path, text)
     with pytest.raises(CaseError) as caught:
         file = read_sweep_file(path)
         members_of(file.cases, file.variations)
-    assert f"{path}{told}" in str(caught.value)
+    assert f"{path}{message}" in str(caught.value)

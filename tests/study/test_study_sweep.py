@@ -53,7 +53,7 @@ def written(folder: Path) -> dict[str, int]:
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
-    """Return a folder with a sweep of which one member fails, and what it said."""
+    """Return a folder with a sweep of which one member fails, and what it output."""
     folder = tmp_path_factory.mktemp("sweep")
     (folder / "case.yaml").write_text(CASE)
     ended = sweep(folder, "--over", AMPLITUDES)
@@ -61,14 +61,14 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str, str]:
     return folder, ended.stdout, ended.stderr
 
 
-def test_a_failed_member_is_told_and_the_others_go_on(first: tuple[Path, str, str]) -> None:
-    folder, said, complained = first
-    assert "to=-2m failed: wovenfab: no equilibrium at t = " in complained
-    assert "Traceback" not in complained
+def test_a_failed_member_is_reported_and_the_others_go_on(first: tuple[Path, str, str]) -> None:
+    folder, output, errors = first
+    assert "to=-2m failed: wovenfab: no equilibrium at t = " in errors
+    assert "Traceback" not in errors
     outcomes = [row["outcome"] for row in table(folder)]
     assert [outcome.split(":")[0] for outcome in outcomes] == ["finished", "failed", "finished"]
-    assert "3 of 3: " in said
-    assert "| to=10mm | finished |" in said
+    assert "3 of 3: " in output
+    assert "| to=10mm | finished |" in output
 
 
 def test_the_table_has_what_was_varied_and_the_figures_of_each_run(
@@ -119,14 +119,14 @@ def test_nothing_is_run_if_one_member_is_not_valid(tmp_path: Path) -> None:
 
 def processes(folder: Path) -> list[str]:
     """Return the command lines of processes that have to do with a folder."""
-    found = []
+    lines = []
     for path in Path("/proc").glob("[0-9]*"):
         try:
             if folder.samefile(path / "cwd"):
-                found.append((path / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+                lines.append((path / "cmdline").read_bytes().replace(b"\0", b" ").decode())
         except OSError:
             continue
-    return found
+    return lines
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -145,9 +145,9 @@ def test_an_interrupted_sweep_ends_its_processes_and_takes_none_for_finished(
             time.sleep(0.02)
         assert len(processes(tmp_path)) == 2
         process.send_signal(number)
-        _, complained = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert complained.startswith("wovenfab: interrupted; to go on, repeat the command")
+    assert errors.startswith("wovenfab: interrupted; to go on, repeat the command")
     assert not processes(tmp_path)
     rows = len(read_history(history.parent)["step"])
     assert 0 < rows < 401

@@ -42,7 +42,7 @@ def cycles(setting: Setting) -> Figures:
     each = np.diff(history["imbalance_J"][::per_cycle])
     lost = np.diff(history["dissipated_J"][::per_cycle])
     iterations = history["newton_iterations"][1:]
-    apart = np.abs(loops - loops[-1]).max(axis=1) / np.abs(force).max()
+    changes = np.abs(loops - loops[-1]).max(axis=1) / np.abs(force).max()
     return Figures(
         unknowns=summary["unknowns"],
         steps=steps,
@@ -52,9 +52,13 @@ def cycles(setting: Setting) -> Figures:
         margin=None,
         imbalance=float(np.abs(each / lost).max()),
         end="finished" if outcome.failure is None else str(outcome.failure),
-        series={"apart": apart.tolist(), "imbalance": (each / lost).tolist(), "memory": memory},
+        series={
+            "differences": changes.tolist(),
+            "imbalance": (each / lost).tolist(),
+            "memory": memory,
+        },
     ).with_checks(
-        change_of_the_loop=float(apart[RUN_IN - 1]),
+        change_of_the_loop=float(changes[RUN_IN - 1]),
         drift_of_the_imbalance=float(np.ptp((each / lost)[RUN_IN - 1 :])),
         growth_of_memory=memory[-1] / memory[min(SETTLED, count) - 1] - 1,
     )

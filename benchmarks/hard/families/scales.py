@@ -82,7 +82,7 @@ def compared(scale: Scale, setting: Setting) -> Figures:
         if same
         else np.full(len(factors), np.inf)
     )
-    return together(figures[:1], {"apart": differences.tolist()}).with_checks(
+    return together(figures[:1], {"differences": differences.tolist()}).with_checks(
         difference=float(differences.max()),
         difference_in_iterations=iterations[1] - iterations[0],
     )

@@ -116,11 +116,11 @@ def speeds(kind: str, setting: Setting) -> Figures:
     parts = [figures for figures, _, _ in runs]
     loops = np.array([[f.series["force"], f.series["loss"]] for f in parts])
     sizes = np.abs(loops[0]).max(axis=1)
-    apart = np.abs(loops - loops[0]).max(axis=(0, 2)) / sizes
+    changes = np.abs(loops - loops[0]).max(axis=(0, 2)) / sizes
     return together(parts, {"force": [f.series["force"] for f in parts]}).with_checks(
         stress_over_bound=max(stress for _, stress, _ in runs),
         least_loss=min(least for _, _, least in runs),
-        change_with_the_speed=float(apart.max()),
+        change_with_the_speed=float(changes.max()),
     )
 
 
