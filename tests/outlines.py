@@ -3,11 +3,29 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import exterior_facet_indices
+from mpi4py import MPI
+from numpy.typing import NDArray
 
+from wovenfab.model.compiler import compile_form
+from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
 from wovenfab.sheet.outline import Outline, Ring, rectangle_outline
+from wovenfab.sheet.sheet import Sheet, directions
 
 #: Edges that are held.
 HOLDS = {"left": "clamp", "right": "clamp"}
+#: Of the rectangle 0.9 m long and 0.3 m wide: normal axis, place and length of each edge.
+EDGES = {
+    "left": (0, 0.0, 0.3),
+    "right": (0, 0.9, 0.3),
+    "bottom": (1, 0.0, 0.9),
+    "top": (1, 0.3, 0.9),
+}
+LENGTHS = {name: length for name, (_, _, length) in EDGES.items()}
 
 
 def with_hole(segments: int = 24) -> Outline:
@@ -19,18 +37,10 @@ def with_hole(segments: int = 24) -> Outline:
 
 def tee() -> Outline:
     """Return a T with two re-entrant corners at (0.6, 0.3) and (0.3, 0.3)."""
-    points = [
-        (0, 0),
-        (0.9, 0),
-        (0.9, 0.3),
-        (0.6, 0.3),
-        (0.6, 0.5),
-        (0.3, 0.5),
-        (0.3, 0.3),
-        (0, 0.3),
-    ]
+    x = [0, 0.9, 0.9, 0.6, 0.6, 0.3, 0.3, 0]
+    y = [0, 0, 0.3, 0.3, 0.5, 0.5, 0.3, 0.3]
     names = (None, "right", None, None, None, None, None, "left")
-    return Outline((Ring(np.array(points, dtype=float), names),))
+    return Outline((Ring(np.stack([x, y], axis=1), names),))
 
 
 SHAPES = {
@@ -39,3 +49,46 @@ SHAPES = {
     "hole": with_hole(),
     "re-entrant corners": tee(),
 }
+
+
+def fibres_at(angles: tuple[float, float]) -> NDArray[np.float64]:
+    """Return the unit vectors along fibres at angles (degrees)."""
+    first, second = np.radians(angles)
+    return directions((float(first), float(second)))
+
+
+def aligned(
+    outline: Outline,
+    angles: tuple[float, float],
+    mesh_size: float,
+    comm: MPI.Comm = MPI.COMM_SELF,
+    **options: float | bool | None,
+) -> Sheet:
+    """Return a sheet with a mesh along its fibres."""
+    return aligned_sheet(comm, outline, fibres_at(angles), (HOLDS, HOLDS), mesh_size, **options)
+
+
+def lines_and_mesh(
+    outline: Outline, fibres: NDArray[np.float64], mesh_size: float
+) -> tuple[tuple[FibreLines, FibreLines], tuple[NDArray, NDArray], tuple[NDArray, NDArray]]:
+    """Return special lines, positions of all lines, and points and cells of the mesh."""
+    lines = special_lines(outline, fibres[0], HOLDS), special_lines(outline, fibres[1], HOLDS)
+    offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), mesh_size)
+    return lines, offsets, fibre_mesh(outline, fibres, offsets)
+
+
+def edge_lengths(on: Sheet) -> dict[str, float]:
+    """Return the length of each named edge (m)."""
+    lengths = {}
+    for edge, tag in on.edges.items():
+        ds = ufl.ds(domain=on.mesh, subdomain_data=on.facets, subdomain_id=tag, degree=0)
+        lengths[edge] = fem.assemble_scalar(compile_form(fem.Constant(on.mesh, 1.0) * ds))
+    return lengths
+
+
+def assert_edges(on: Sheet, lengths: dict[str, float], error: float = 1e-12) -> None:
+    """Assert that the named edges have their lengths and each facet of the boundary is in one."""
+    assert edge_lengths(on) == pytest.approx(lengths, rel=error)
+    on.mesh.topology.create_connectivity(1, 2)
+    boundary = exterior_facet_indices(on.mesh.topology)
+    assert np.array_equal(np.sort(on.facets.indices), np.sort(boundary))

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-from mpi4py import MPI
-
 from tests import scenes
-from tests.outlines import HOLDS
-from wovenfab.sheet.aligned import aligned_sheet
+from tests.outlines import aligned
+from wovenfab.model.model import Numerics
 from wovenfab.sheet.outline import rectangle_outline
-from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.sheet.sheet import Sheet
 
 
 @dataclass(frozen=True)
@@ -43,11 +40,15 @@ class Sample:
 
     def sheet(self, mesh_size: float, steep: bool = False, jumps: bool = True) -> Sheet:
         """Return it with a mesh along its fibres: graded where one placement is steep, or not."""
-        fibres = directions((np.radians(self.angles[0]), np.radians(self.angles[1])))
         outline = rectangle_outline(0.3 * self.length, 0.3)
-        return aligned_sheet(
-            MPI.COMM_SELF, outline, fibres, (HOLDS, HOLDS), mesh_size, jumps=jumps, steep=steep
-        )
+        return aligned(outline, self.angles, mesh_size, jumps=jumps, steep=steep)
+
+    def pull(
+        self, names: Sequence[str], displacement: float, degree: int, on: Sheet
+    ) -> tuple[int, float]:
+        """Return unknowns and force (N) at a displacement (m)."""
+        model = scenes.model(on, names, Numerics(degree), self.values)
+        return model.unknowns, scenes.pull(model, displacement)
 
 
 SAMPLES = {

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import pi
+from typing import Any
 
 import numpy as np
 from dolfinx import fem
 from mpi4py import MPI
+from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from forms.catalogue import effects
@@ -23,7 +25,8 @@ from wovenfab.solver.options import SolverOptions
 from wovenfab.solver.problem import Problem
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.schemes import SCHEMES
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.stability import StabilityLostError, Treatment
+from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.stepping.time_stepper import TimeStepper
 
 #: Table 1 of the paper, with the spin friction of its figure 7 (left).
@@ -153,3 +156,82 @@ def set_field(function: fem.Function, displacement: object) -> None:
     """Interpolate the same displacement (x -> (2, n)) into every placement."""
     size = function.function_space.value_shape[0] // 2
     function.interpolate(lambda x: np.vstack([displacement(x)] * size))  # type: ignore[operator]
+
+
+@dataclass(frozen=True)
+class Run:
+    """Steps from rest.
+
+    Attributes:
+        steps: All accepted steps.
+        fields: The unknowns after each.
+        failure: What ended them before their time.
+    """
+
+    steps: list[Step]
+    fields: list[NDArray[np.float64]]
+    failure: StepFailedError | StabilityLostError | None
+
+
+def run(
+    of: Model,
+    program: Program,
+    controls: SolverOptions | None = None,
+    smallest_step: float = 1 / 64,
+    scheme: str = "backward-euler",
+    grips: Sequence[Grip] = PULL,
+    **options: Any,
+) -> Run:
+    """Run a program from rest to its end or failure; the model's field is left there."""
+    of.field.x.array[:] = 0
+    equilibrium = solver(of, grips, controls)
+    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step, **options)
+    result = Run([], [], None)
+    try:
+        for step in stepper.steps():
+            result.steps.append(step)
+            result.fields.append(of.field.x.array.copy())
+    except (StepFailedError, StabilityLostError) as error:
+        result = replace(result, failure=error)
+    equilibrium.destroy()
+    return result
+
+
+def push(
+    of: Model,
+    program: Program,
+    treatment: Treatment,
+    smallest_step: float = 1 / 1024,
+    scheme: str = "backward-euler",
+    grips: Sequence[Grip] = PUSH,
+    seed: int = 0,
+) -> Run:
+    """Run a program that may lose stability."""
+    controls = SolverOptions(descend=treatment == "follow", seed=seed)
+    return run(of, program, controls, smallest_step, scheme, grips, treatment=treatment)
+
+
+def pull(of: Model, displacement: float) -> float:
+    """Return the force (N) at the right grip after one elastic step from rest."""
+    return force(of, PULL, displacement)["right"][0]
+
+
+def stored(step: Step) -> float:
+    """Return the stored energy (J) of a step."""
+    return sum(step.stored.values())
+
+
+def lost(step: Step) -> float:
+    """Return the energy (J) dissipated until a step."""
+    return sum(step.dissipated.values())
+
+
+def imbalance(step: Step) -> float:
+    """Return work less stored and dissipated energy (J)."""
+    return step.work - stored(step) - lost(step)
+
+
+def orders(errors: ArrayLike) -> NDArray[np.float64]:
+    """Return the orders of convergence of errors, each of half the size before."""
+    sizes = np.abs(errors)
+    return np.log2(sizes[:-1] / sizes[1:])

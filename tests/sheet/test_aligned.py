@@ -5,21 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import shapely
-from mpi4py import MPI
 
-from tests.outlines import HOLDS, SHAPES, tee, with_hole
-from wovenfab.sheet.aligned import aligned_sheet, singular_points
-from wovenfab.sheet.fibre_mesh import (
-    across,
-    divided,
-    evenly,
-    fibre_mesh,
-    quality,
-    spaced,
-    special_lines,
-)
-from wovenfab.sheet.outline import Outline, outline_of, rectangle_outline
-from wovenfab.sheet.sheet import directions
+from tests.outlines import EDGES, HOLDS, SHAPES, aligned, fibres_at, lines_and_mesh, tee, with_hole
+from wovenfab.sheet.aligned import singular_points
+from wovenfab.sheet.fibre_mesh import across, divided, evenly, fibre_mesh, quality, special_lines
+from wovenfab.sheet.outline import Outline, outline_of
 
 ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 
@@ -29,10 +19,8 @@ ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 def test_cells_fill_the_sheet_and_none_crosses_a_line(
     shape: Outline, angles: tuple[float, float]
 ) -> None:
-    fibres = directions(tuple(np.radians(angles)))
-    special = [special_lines(shape, d, HOLDS).offsets for d in fibres]
-    offsets = spaced(shape, fibres, (special[0], special[1]), 0.06)
-    points, cells = fibre_mesh(shape, fibres, offsets)
+    fibres = fibres_at(angles)
+    _, offsets, (points, cells) = lines_and_mesh(shape, fibres, 0.06)
     corners = points[cells]
     areas = [shapely.Polygon(c).area for c in corners]
     assert sum(areas) == pytest.approx(shape.polygon.area, rel=1e-9)
@@ -46,50 +34,41 @@ def test_cells_fill_the_sheet_and_none_crosses_a_line(
 
 
 def test_lines_are_spaced_to_leave_no_slivers() -> None:
-    shape, fibres = SHAPES["rectangle"], directions((np.radians(52), np.radians(-38)))
-    special = [special_lines(shape, d, HOLDS).offsets for d in fibres]
-    kept = (evenly(special[0], 0.05), evenly(special[1], 0.05))
-    moved = spaced(shape, fibres, (special[0], special[1]), 0.05)
-    worst = []
-    for offsets in (kept, moved):
-        points, cells = fibre_mesh(shape, fibres, offsets)
-        worst.append(min(quality(*points[c]) for c in cells))
-    assert worst[1] > 10 * worst[0]
-    assert worst[1] > 0.05
-    for positions, wanted in zip(moved, special, strict=True):
-        assert np.isin(wanted, positions).all()
+    shape, fibres = SHAPES["rectangle"], fibres_at((52, -38))
+    lines, moved, spaced = lines_and_mesh(shape, fibres, 0.05)
+    even = fibre_mesh(shape, fibres, [evenly(family.offsets, 0.05) for family in lines])
+    worst, best = (min(quality(*points[c]) for c in cells) for points, cells in (even, spaced))
+    assert best > 10 * worst
+    assert best > 0.05
+    for positions, family in zip(moved, lines, strict=True):
+        assert np.isin(family.offsets, positions).all()
 
 
 def test_special_fibres_start_where_a_clamp_ends() -> None:
-    fibres = directions((np.pi / 4, -np.pi / 4))
-    shape = rectangle_outline(0.9, 0.3)
-    found = special_lines(shape, fibres[0], HOLDS)
-    ends = sorted(tuple(map(float, np.round(np.sort(p, axis=0).ravel(), 9))) for p in found.jumps)
+    jumps = special_lines(SHAPES["rectangle"], fibres_at((45, -45))[0], HOLDS).jumps
+    ends = sorted(tuple(map(float, np.round(np.sort(p, axis=0).ravel(), 9))) for p in jumps)
     assert ends == [(0.0, 0.0, 0.3, 0.3), (0.6, 0.0, 0.9, 0.3)]
 
 
 def test_a_hole_has_a_special_fibre_on_either_side_that_runs_through_the_sheet() -> None:
-    fibres = directions((0.0, np.pi / 2))
-    found = special_lines(with_hole(), fibres[0], {})
-    heights = {round(float(p[0, 1]), 9) for p in found.jumps}
-    assert heights == {0.09, 0.19}
+    jumps = special_lines(with_hole(), fibres_at((0, 90))[0], {}).jumps
+    assert {round(float(p[0, 1]), 9) for p in jumps} == {0.09, 0.19}
     # Left and right of the point where it touches.
-    assert sum(np.linalg.norm(p[1] - p[0]) for p in found.jumps) == pytest.approx(2 * 0.9)
+    assert sum(np.linalg.norm(p[1] - p[0]) for p in jumps) == pytest.approx(2 * 0.9)
 
 
 def test_a_special_fibre_of_a_re_entrant_corner_ends_at_the_edge_of_the_sheet() -> None:
-    fibres = directions((np.radians(30), np.radians(-60)))
-    found = special_lines(tee(), fibres[1], {})
-    corner = np.array([0.6, 0.3])
-    (ends,) = [p for p in found.jumps if abs(across(fibres[1]) @ (p[0] - corner)) < 1e-9]
+    fibre, corner = fibres_at((30, -60))[1], np.array([0.6, 0.3])
+    jumps = special_lines(tee(), fibre, {}).jumps
+    (ends,) = [p for p in jumps if abs(across(fibre) @ (p[0] - corner)) < 1e-9]
     bottom, top = sorted(ends, key=lambda p: p[1])
-    assert bottom == pytest.approx(corner + 0.3 / np.sqrt(0.75) * fibres[1])
-    assert top == pytest.approx(corner - 0.2 / np.sqrt(0.75) * fibres[1])
+    assert bottom == pytest.approx(corner + 0.3 / np.sqrt(0.75) * fibre)
+    assert top == pytest.approx(corner - 0.2 / np.sqrt(0.75) * fibre)
 
 
 def test_strain_is_singular_at_the_ends_of_clamps_and_at_re_entrant_corners() -> None:
-    found = {tuple(map(float, p)) for p in singular_points(tee(), (HOLDS, HOLDS))}
-    assert found == {(0, 0), (0.9, 0), (0.9, 0.3), (0.6, 0.3), (0.3, 0.3), (0, 0.3)}
+    points = {tuple(map(float, p)) for p in singular_points(tee(), (HOLDS, HOLDS))}
+    assert points == {(0, 0), (0.9, 0), (0.9, 0.3), (0.6, 0.3), (0.3, 0.3), (0, 0.3)}
 
 
 def test_a_polygon_is_divided_at_its_best() -> None:
@@ -111,21 +90,13 @@ def test_the_outline_of_a_mesh_is_found_again_with_its_names() -> None:
 
 @pytest.mark.parametrize("corner_size", [None, 0.01])
 def test_edges_are_named_on_coarse_and_on_graded_meshes(corner_size: float | None) -> None:
-    fibres = directions((np.pi / 4, -np.pi / 4))
-    sheet = aligned_sheet(
-        MPI.COMM_SELF, rectangle_outline(0.9, 0.3), fibres, (HOLDS, HOLDS), 0.1, corner_size
-    )
+    sheet = aligned(SHAPES["rectangle"], (45, -45), 0.1, corner_size=corner_size)
     x = sheet.mesh.geometry.x
     sheet.mesh.topology.create_connectivity(1, 0)
     facets = sheet.mesh.topology.connectivity(1, 0)
-    for name, axis, place in (
-        ("left", 0, 0.0),
-        ("right", 0, 0.9),
-        ("bottom", 1, 0),
-        ("top", 1, 0.3),
-    ):
+    for name, (axis, place, length) in EDGES.items():
         ends = np.array([x[facets.links(f)] for f in sheet.edge_facets(name)])
         assert np.allclose(ends[:, :, axis], place)
-        assert np.ptp(ends, axis=1).max(axis=1).sum() == pytest.approx(0.3 if axis == 0 else 0.9)
+        assert np.ptp(ends, axis=1).max(axis=1).sum() == pytest.approx(length)
     smallest = min(sheet.mesh.h(2, np.arange(sheet.mesh.topology.index_map(2).size_local)))
     assert smallest < 0.012 if corner_size else smallest > 0.05

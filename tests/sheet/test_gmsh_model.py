@@ -7,48 +7,32 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
-from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 
 from tests import scenes
-from wovenfab.model.compiler import compile_form
+from tests.outlines import LENGTHS, assert_edges, edge_lengths
 from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"
-SHEET = {"left": 0.3, "right": 0.3, "bottom": 0.9, "top": 0.9}
 #: Two straight grips, two quarter circles of radius 50 mm and the gauge.
 SIDE = 0.2 + 0.05 * pi / 2 + 0.5 + 0.05 * pi / 2 + 0.2
 DOGBONE = {"left": 0.3, "right": 0.3, "bottom": SIDE, "top": SIDE}
 
 
-def shipped(name: str, mesh_size: float | None = None) -> Sheet:
+def shipped(name: str | Path, mesh_size: float | None = None) -> Sheet:
     return Sheet(*from_file(MPI.COMM_WORLD, MESHES / name, mesh_size), directions(scenes.BIAS))
-
-
-def measured(on: Sheet) -> dict[str, float]:
-    """Return the length of each named edge (m)."""
-    lengths = {}
-    for edge, tag in on.edges.items():
-        ds = ufl.ds(domain=on.mesh, subdomain_data=on.facets, subdomain_id=tag, degree=0)
-        lengths[edge] = fem.assemble_scalar(compile_form(fem.Constant(on.mesh, 1.0) * ds))
-    return lengths
 
 
 @pytest.mark.parametrize(
     ("name", "lengths", "slack"),
-    [("rectangle.geo", SHEET, 1e-12), ("dogbone.geo", DOGBONE, 0.01)],
+    [("rectangle.geo", LENGTHS, 1e-12), ("dogbone.geo", DOGBONE, 0.01)],
 )
 def test_shipped_geometries_have_their_named_edges_all_around(
     name: str, lengths: dict[str, float], slack: float
 ) -> None:
     on = shipped(name)
-    assert measured(on) == pytest.approx(lengths, rel=slack)
-    on.mesh.topology.create_connectivity(1, 2)
-    boundary = exterior_facet_indices(on.mesh.topology)
-    assert np.array_equal(np.sort(on.facets.indices), np.sort(boundary))
+    assert_edges(on, lengths, slack)
     assert on.mesh.geometry.dim == 2
 
 
@@ -69,10 +53,9 @@ def test_a_msh_file_gives_the_mesh_that_it_holds(tmp_path: Path) -> None:
     triangles = len(gmsh.model.mesh.getElementsByType(2)[0])
     gmsh.write(str(tmp_path / "sheet.msh"))
     gmsh.finalize()
-    mesh, facets, edges = from_file(MPI.COMM_WORLD, tmp_path / "sheet.msh", None)
-    assert mesh.topology.index_map(2).size_global == triangles
-    on = Sheet(mesh, facets, edges, directions(scenes.BIAS))
-    assert measured(on) == pytest.approx(SHEET, rel=1e-12)
+    on = shipped(tmp_path / "sheet.msh")
+    assert on.mesh.topology.index_map(2).size_global == triangles
+    assert edge_lengths(on) == pytest.approx(LENGTHS, rel=1e-12)
 
 
 def sizes(on: Sheet) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +71,7 @@ def test_a_graded_rectangle_has_its_smallest_cells_at_the_corners() -> None:
     parts = graded_rectangle(MPI.COMM_WORLD, 0.9, 0.3, 0.05, 0.002)
     on = Sheet(*parts, directions(scenes.BIAS))
     size, away = sizes(on)
-    assert measured(on) == pytest.approx(SHEET, rel=1e-12)
+    assert edge_lengths(on) == pytest.approx(LENGTHS, rel=1e-12)
     assert size[away < 0.003].max() < 0.005
     assert size[np.argsort(size)[:8]].max() < 0.004
     assert away[np.argsort(size)[:8]].max() < 0.02
@@ -103,26 +86,23 @@ def test_an_ungraded_rectangle_is_uniform() -> None:
 
 
 def test_a_gmsh_rectangle_and_a_structured_one_give_nearly_the_same_force() -> None:
-    found = [
-        scenes.force(scenes.model(on, scenes.BONDED, scenes.PROTOTYPE), scenes.PULL, 0.02)
+    structured, gmsh = (
+        scenes.force(scenes.model(on, scenes.BONDED, scenes.PROTOTYPE), scenes.PULL, 0.02)["right"]
         for on in (scenes.sheet(mesh_size=0.025), shipped("rectangle.geo", 0.025))
-    ]
-    assert found[1]["right"][0] == pytest.approx(found[0]["right"][0], rel=0.03)
-    assert hypot(*found[1]["right"]) == pytest.approx(found[1]["right"][0], rel=1e-3)
+    )
+    assert gmsh[0] == pytest.approx(structured[0], rel=0.03)
+    assert hypot(*gmsh) == pytest.approx(gmsh[0], rel=1e-3)
 
 
-BROKEN = {
-    "no physical surface": "Physical Curve",
-    "no named edges": "Physical Surface",
-}
-
-
-@pytest.mark.parametrize("message", BROKEN)
+@pytest.mark.parametrize(
+    ("message", "group"),
+    [("no physical surface", "Physical Curve"), ("no named edges", "Physical Surface")],
+)
 def test_a_geometry_without_physical_groups_is_refused_with_its_remedy(
-    message: str, tmp_path: Path
+    message: str, group: str, tmp_path: Path
 ) -> None:
     lines = (MESHES / "rectangle.geo").read_text().splitlines()
-    kept = [ln for ln in lines if not ln.startswith("Physical") or ln.startswith(BROKEN[message])]
+    kept = [ln for ln in lines if not ln.startswith("Physical") or ln.startswith(group)]
     path = tmp_path / "sheet.geo"
     path.write_text("\n".join(kept))
     with pytest.raises(GeometryError, match=f"sheet.geo: {message}; add"):
@@ -150,14 +130,11 @@ def test_a_file_that_gmsh_cannot_mesh_is_refused_by_name(
     with pytest.raises(GeometryError, match=name):
         from_file(MPI.COMM_WORLD, path, None)
     # gmsh has been put away: the next geometry is not disturbed.
-    assert set(shipped("rectangle.geo").edges) == set(SHEET)
+    assert set(shipped("rectangle.geo").edges) == set(LENGTHS)
 
 
 def test_a_curve_without_a_name_is_no_edge_and_says_which_are(tmp_path: Path) -> None:
-    text = (
-        (MESHES / "rectangle.geo").read_text().replace('Physical Curve("top")', "Physical Curve(9)")
-    )
+    text = (MESHES / "rectangle.geo").read_text()
     path = tmp_path / "sheet.geo"
-    path.write_text(text)
-    _, _, edges = from_file(MPI.COMM_WORLD, path, None)
-    assert set(edges) - {""} == {"left", "right", "bottom"}
+    path.write_text(text.replace('Physical Curve("top")', "Physical Curve(9)"))
+    assert set(shipped(path).edges) - {""} == {"left", "right", "bottom"}

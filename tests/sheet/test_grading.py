@@ -8,14 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.sheet.test_aligned import HOLDS, tee, with_hole
+from tests.outlines import HOLDS, SHAPES, fibres_at, lines_and_mesh
 from wovenfab.sheet.aligned import graded, singular_points
-from wovenfab.sheet.fibre_mesh import fibre_mesh, spaced, special_lines
 from wovenfab.sheet.grading import RATIO, STEEP, Grading, Layers, grading_of, shrunk
-from wovenfab.sheet.outline import Outline, rectangle_outline
-from wovenfab.sheet.sheet import directions
-
-OUTLINES = {"rectangle": rectangle_outline(0.9, 0.3), "tee": tee(), "hole": with_hole()}
 
 
 def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -23,31 +18,26 @@ def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.f
     return np.asarray(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
 
 
-@pytest.mark.parametrize("name", OUTLINES)
+@pytest.mark.parametrize("name", ["rectangle", "re-entrant corners", "hole"])
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
 @pytest.mark.parametrize("how", [STEEP, grading_of(0.1, 0.1 * RATIO**3)], ids=["steep", "given"])
 def test_a_graded_mesh_covers_the_sheet_without_gaps(
     name: str, angles: tuple[float, float], how: Grading
 ) -> None:
-    outline: Outline = OUTLINES[name]
-    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
-    lines = special_lines(outline, fibres[0], HOLDS), special_lines(outline, fibres[1], HOLDS)
-    offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), 0.1)
-    coarse = fibre_mesh(outline, fibres, offsets)
+    outline = SHAPES[name]
+    lines, _, coarse = lines_and_mesh(outline, fibres_at(angles), 0.1)
     points, cells = graded(*coarse, outline, (HOLDS, HOLDS), lines, how)
     assert (areas(points, cells) > 0).all()
     assert areas(points, cells).sum() == pytest.approx(outline.polygon.area)
     sides = Counter(
         tuple(sorted(map(int, s))) for c in cells for s in zip(c, np.roll(c, 1), strict=True)
     )
-    alone = [s for s, count in sides.items() if count == 1]
-    length = sum(float(np.linalg.norm(points[a] - points[b])) for a, b in alone)
-    assert set(sides.values()) == {1, 2}
-    assert length == pytest.approx(outline.polygon.length)
-    corners = singular_points(outline, (HOLDS, HOLDS))
     lengths = {s: float(np.linalg.norm(points[s[0]] - points[s[1]])) for s in sides}
+    assert set(sides.values()) == {1, 2}
+    boundary = sum(lengths[s] for s, count in sides.items() if count == 1)
+    assert boundary == pytest.approx(outline.polygon.length)
     before = np.linalg.norm(coarse[0][coarse[1]] - coarse[0][np.roll(coarse[1], 1, 1)], axis=2)
-    for corner in corners:
+    for corner in singular_points(outline, (HOLDS, HOLDS)):
         number = int(np.linalg.norm(points - corner, axis=1).argmin())
         there = min(length for side, length in lengths.items() if number in side)
         assert there < 1.01 * how.points.ratio**how.points.count * before.max()
@@ -65,13 +55,9 @@ def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
 
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
 def test_cells_are_thin_along_both_sides_of_special_fibres(angles: tuple[float, float]) -> None:
-    outline = rectangle_outline(0.9, 0.3)
-    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
-    lines = special_lines(outline, fibres[0], HOLDS), special_lines(outline, fibres[1], HOLDS)
-    offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), 0.1)
-    coarse = fibre_mesh(outline, fibres, offsets)
-    none = Layers(0)
-    alone = Grading(none, STEEP.lines, none)
+    outline, fibres = SHAPES["rectangle"], fibres_at(angles)
+    lines, _, coarse = lines_and_mesh(outline, fibres, 0.1)
+    alone = Grading(Layers(0), STEEP.lines, Layers(0))
     fine = graded(*coarse, outline, (HOLDS, HOLDS), lines, alone)
     assert sum(len(family.jumps) for family in lines) == 4
     for family, fibre in zip(lines, fibres, strict=True):

@@ -6,62 +6,32 @@ from math import cos, pi, sin
 
 import numpy as np
 import pytest
-import ufl
-from dolfinx import fem
 from dolfinx.mesh import (
     create_mesh,
     entities_to_geometry,
-    exterior_facet_indices,
     locate_entities_boundary,
     meshtags,
 )
 from mpi4py import MPI
 
 from tests import scenes
-from wovenfab.model.compiler import compile_form
+from tests.outlines import EDGES, LENGTHS, assert_edges, fibres_at
 from wovenfab.model.constraints import Grip, Held
-from wovenfab.sheet.sheet import Sheet, directions
-
-EDGES = {"left": 0.3, "right": 0.3, "bottom": 0.9, "top": 0.9}
-
-
-def length(on: Sheet, edge: str) -> float:
-    """Return the length of a named edge (m)."""
-    measure = ufl.ds(
-        domain=on.mesh, subdomain_data=on.facets, subdomain_id=on.edges[edge], degree=0
-    )
-    form = compile_form(fem.Constant(on.mesh, 1.0) * measure)
-    return fem.assemble_scalar(form)
+from wovenfab.sheet.sheet import Sheet
 
 
 @pytest.mark.parametrize("pattern", ["crossed", "right"])
 def test_edges_have_their_names_and_lengths_and_cover_the_boundary(pattern: str) -> None:
     on = scenes.sheet(mesh_size=0.07, pattern=pattern)
-    assert set(on.edges) == set(EDGES)
-    for edge, expected in EDGES.items():
-        assert length(on, edge) == pytest.approx(expected, rel=1e-12)
-    on.mesh.topology.create_connectivity(1, 2)
-    boundary = exterior_facet_indices(on.mesh.topology)
-    assert np.array_equal(np.sort(on.facets.indices), np.sort(boundary))
+    assert_edges(on, LENGTHS)
     assert len(np.unique(on.facets.indices)) == len(on.facets.indices)
 
 
-@pytest.mark.parametrize(
-    ("edge", "axis", "place"),
-    [("left", 0, 0.0), ("right", 0, 0.9), ("bottom", 1, 0.0), ("top", 1, 0.3)],
-)
-def test_an_edge_lies_where_its_name_says(edge: str, axis: int, place: float) -> None:
-    on = scenes.sheet()
-    nodes = on.mesh.geometry.x[np.unique(facet_nodes(on, on.edge_facets(edge)))]
-    assert nodes[:, axis] == pytest.approx(place, abs=1e-12)
-
-
-def facet_nodes(on: Sheet, facets: np.ndarray) -> np.ndarray:
-    on.mesh.topology.create_connectivity(1, 0)
-    vertices = on.mesh.topology.connectivity(1, 0)
-    found = np.concatenate([vertices.links(f) for f in facets]).astype(np.int32)
-    on.mesh.topology.create_connectivity(0, 2)
-    return entities_to_geometry(on.mesh, 0, found).ravel()
+@pytest.mark.parametrize("edge", EDGES)
+def test_an_edge_lies_where_its_name_says(edge: str) -> None:
+    on, (axis, place, _) = scenes.sheet(), EDGES[edge]
+    nodes = entities_to_geometry(on.mesh, 1, on.edge_facets(edge))
+    assert on.mesh.geometry.x[nodes][..., axis] == pytest.approx(place, abs=1e-12)
 
 
 def test_cells_are_no_larger_than_asked_and_round_off_adds_none() -> None:
@@ -81,13 +51,12 @@ def rebuilt(on: Sheet, move: np.ndarray, fibres: np.ndarray, seed: int | None) -
     element = on.mesh.ufl_domain().ufl_coordinate_element()
     mesh = create_mesh(MPI.COMM_SELF, cells, np.ascontiguousarray(points @ move.T), element)
     back = np.linalg.inv(move)
-    marked = {}
-    for name, axis, place in (
-        ("left", 0, 0.0), ("right", 0, 0.9), ("bottom", 1, 0.0), ("top", 1, 0.3),
-    ):  # fmt: skip
-        marked[name] = locate_entities_boundary(
+    marked = {
+        name: locate_entities_boundary(
             mesh, 1, lambda x, a=axis, p=place: np.isclose((back @ x[:2])[a], p)
         )
+        for name, (axis, place, _) in EDGES.items()
+    }
     facets = np.concatenate(list(marked.values()))
     values = np.concatenate([np.full_like(f, i) for i, f in enumerate(marked.values())])
     order = np.argsort(facets)
@@ -117,7 +86,7 @@ def test_the_force_turns_with_the_sheet(names: tuple[str, ...]) -> None:
     angle = pi / 6
     on = scenes.sheet(mesh_size=0.1, pattern="right", comm=MPI.COMM_SELF)
     turn = np.array([[cos(angle), -sin(angle)], [sin(angle), cos(angle)]])
-    fibres = directions((pi / 4 + angle, -pi / 4 + angle))
+    fibres = fibres_at((75, -15))
     assert fibres == pytest.approx(on.fibres @ turn.T, abs=1e-15)
     turned = rebuilt(on, turn, fibres, 53)
     straight = scenes.force(scenes.model(on, names, scenes.PROTOTYPE), along_axis(0.0), 0.04)

@@ -6,7 +6,6 @@ import pytest
 
 from tests import scenes
 from tests.samples import SAMPLES
-from wovenfab.model.model import Numerics
 
 #: Forces (N) at 40 mm of finer runs with other rings and layers: along the fibres, layers as
 #: thick as (l s)^(1/2), P5, and on isotropic unstructured meshes, P4. The two give 637.316 and
@@ -22,23 +21,15 @@ LIMITS = {
 }
 
 
-def pulled(
-    mesh_size: float, degree: int, steep: bool = True, name: str = "1:3"
-) -> tuple[int, float]:
-    """Return unknowns and force (N) at 40 mm."""
-    sample = SAMPLES[name]
-    on = sample.sheet(mesh_size, steep)
-    model = scenes.model(on, scenes.BONDED, Numerics(degree), sample.values)
-    return model.unknowns, scenes.force(model, scenes.PULL, 0.04)["right"][0]
-
-
 def check(name: str, mesh_size: float, degree: int, unknowns: int, error: float) -> None:
     """Compare the force of a sample with its limit."""
-    limit = LIMITS[name]
-    count, force = pulled(mesh_size, degree, name=name)
-    print(f"{name}, P{degree}, {count} unknowns: {force:.4f} N, error {force / limit - 1:.2e}")
+    on = SAMPLES[name].sheet(mesh_size, steep=True)
+    count, force = SAMPLES[name].pull(scenes.BONDED, 0.04, degree, on)
+    print(
+        f"{name}, P{degree}, {count} unknowns: {force:.4f} N, error {force / LIMITS[name] - 1:.2e}"
+    )
     assert count <= unknowns
-    assert force == pytest.approx(limit, rel=error)
+    assert force == pytest.approx(LIMITS[name], rel=error)
 
 
 @pytest.mark.parametrize(
@@ -60,8 +51,9 @@ def test_other_samples_need_no_more(name: str) -> None:
 
 
 def test_grading_does_more_than_a_finer_mesh() -> None:
-    limit = LIMITS["1:3"]
-    (few, graded), (many, even) = pulled(0.1, 3), pulled(0.05, 4, steep=False)
+    limit, sample = LIMITS["1:3"], SAMPLES["1:3"]
+    few, graded = sample.pull(scenes.BONDED, 0.04, 3, sample.sheet(0.1, steep=True))
+    many, even = sample.pull(scenes.BONDED, 0.04, 4, sample.sheet(0.05))
     print(f"graded P3 {few}: {graded:.3f} N, even P4 {many}: {even:.3f} N")
     assert few < many
     assert abs(graded - limit) < abs(even - limit) / 5

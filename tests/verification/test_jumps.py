@@ -9,22 +9,15 @@ import pytest
 from mpi4py import MPI
 
 from tests import scenes
-from tests.outlines import HOLDS, SHAPES, tee, with_hole
+from tests.outlines import SHAPES, aligned, tee, with_hole
 from tests.samples import SAMPLES
 from wovenfab.model.model import Numerics
 from wovenfab.model.spaces import placements_on
-from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.fibre_mesh import across
 from wovenfab.sheet.outline import Outline
-from wovenfab.sheet.sheet import Sheet, directions
 
 #: Its yarns run at 45 degrees.
 SHEET = SAMPLES["1:3"]
-
-
-def pulled(on: Sheet, degree: int) -> tuple[int, float]:
-    """Return unknowns and force (N) at 20 mm."""
-    model = scenes.model(on, scenes.COUPLED, Numerics(degree))
-    return model.unknowns, scenes.force(model, scenes.PULL, 0.02)["right"][0]
 
 
 def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
@@ -40,12 +33,8 @@ def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
             by_place.setdefault(place, set()).add(int(block))
         for place, copies in by_place.items():
             ends = on.jumps[family]
-            ahead = (ends[:, 1] - ends[:, 0]) / np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)[
-                :, None
-            ]
-            away = np.array(place) - ends[:, 0]
-            aside = np.abs(away[:, 0] * ahead[:, 1] - away[:, 1] * ahead[:, 0])
-            assert len(copies) == (2 if aside.min() < 1e-6 else 1)
+            away = np.abs((np.array(place) - ends[:, 0]) @ across(on.fibres[family]))
+            assert len(copies) == (2 if away.min() < 1e-6 else 1)
             if len(copies) == 2:
                 one, other = (values[c] for c in copies)
                 gaps[family].append(float(np.linalg.norm(one - other)))
@@ -59,8 +48,7 @@ def test_cells_that_share_a_value_have_yarns_in_common(
     shape: Outline, angles: tuple[float, float]
 ) -> None:
     """They are joined through edges of cells: none touch at a corner or a hole alone."""
-    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
-    on = aligned_sheet(MPI.COMM_SELF, shape, fibres, (HOLDS, HOLDS), 0.1)
+    on = aligned(shape, angles, 0.1)
     placements = placements_on(on.mesh, 2, 2, on.jumps)
     assert np.array_equal(np.unique(placements.blocks), np.arange(len(placements.positions)))
     topology = on.mesh.topology
@@ -70,16 +58,13 @@ def test_cells_that_share_a_value_have_yarns_in_common(
     for blocks in np.moveaxis(placements.blocks, 2, 0):
         share = [np.intersect1d(blocks[one], blocks[other]) for one, other in pairs]
         joined = [pair for pair, shared in zip(pairs, share, strict=True) if len(shared) == 3]
-        used = [(block, cell) for cell, own in enumerate(blocks) for block in own]
-        users: dict[int, set[int]] = {}
-        for block, cell in used:
-            users.setdefault(int(block), set()).add(cell)
-        for cells in users.values():
+        for block in np.unique(blocks):
+            cells = {*map(int, np.flatnonzero((blocks == block).any(axis=1)))}
             seen, new = set(), {min(cells)}
             while new:
                 seen |= new
-                near = {int(c) for pair in joined if new & {*map(int, pair)} for c in pair}
-                new = (near & cells) - seen
+                neighbours = {int(c) for pair in joined if new & {*map(int, pair)} for c in pair}
+                new = (neighbours & cells) - seen
             assert seen == cells
 
 
@@ -89,14 +74,9 @@ def test_cells_that_share_a_value_have_yarns_in_common(
 def test_sheets_with_notches_and_holes_converge_as_well(
     shape: Outline, angles: tuple[float, float]
 ) -> None:
-    fibres = directions((np.radians(angles[0]), np.radians(angles[1])))
-    forces = []
-    for mesh_size in (0.1, 0.05):
-        on = aligned_sheet(MPI.COMM_SELF, shape, fibres, (HOLDS, HOLDS), mesh_size)
-        count, force = pulled(on, 4)
-        print(f"{count} unknowns: {force:.4f} N")
-        forces.append(force)
-    assert forces[0] == pytest.approx(forces[1], rel=5e-4)
+    sheets = (aligned(shape, angles, mesh_size) for mesh_size in (0.1, 0.05))
+    (_, coarse), (_, fine) = (SHEET.pull(scenes.COUPLED, 0.02, 4, on) for on in sheets)
+    assert coarse == pytest.approx(fine, rel=5e-4)
 
 
 def test_without_lines_the_space_is_the_usual_one() -> None:
@@ -113,13 +93,9 @@ def test_without_lines_the_space_is_the_usual_one() -> None:
 @pytest.mark.mpi4
 @pytest.mark.parametrize("shape", [SHAPES["rectangle"], tee(), with_hole()])
 def test_jumps_are_the_same_on_all_ranks(shape: Outline) -> None:
-    comm = MPI.COMM_WORLD
-    fibres = directions((np.radians(45), np.radians(-45)))
-    found = []
-    for where in (comm, MPI.COMM_SELF):
-        on = aligned_sheet(where, shape, fibres, (HOLDS, HOLDS), 0.1)
-        model = scenes.model(on, scenes.COUPLED, Numerics(3))
-        force = scenes.force(model, scenes.PULL, 0.02)["right"][0]
-        found.append((model.unknowns, model.placements.doubled, force))
-    assert found[0][:2] == found[1][:2]
-    assert found[0][2] == pytest.approx(found[1][2], rel=1e-8)
+    results = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        model = scenes.model(aligned(shape, (45, -45), 0.1, comm), scenes.COUPLED, Numerics(3))
+        results.append((model.unknowns, model.placements.doubled, scenes.pull(model, 0.02)))
+    assert results[0][:2] == results[1][:2]
+    assert results[0][2] == pytest.approx(results[1][2], rel=1e-8)
