@@ -192,8 +192,8 @@ def test_the_command_stores_its_runs_and_prints_what_is_cheapest(
 ) -> None:
     path, output = written(tmp_path, SPRINGS), tmp_path / "study"
     assert study_accuracy(path, output, (), 1e-3) == 0
-    output = capfd.readouterr().out
-    assert "left" in output and "cheapest setting" in output
+    printed = capfd.readouterr().out
+    assert "left" in printed and "cheapest setting" in printed
     with (output / "accuracy.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert rows and all(int(row["peak_memory_B"]) > 50e6 for row in rows)
