@@ -242,21 +242,21 @@ class Balance:
         normal, rule = ufl.FacetNormal(mesh), {"quadrature_degree": self.quadrature}
         on_facets = [(t, t.effect.facet_strains) for t in self.terms if t.effect.facet_strains]
         on_edges = [(t, t.effect.edge_strains) for t in self.terms if t.effect.edge_strains]
-        found, held = [], self.held_edges[family]
+        terms, held = [], self.held_edges[family]
         if on_facets:
             penalty = facet_penalty(mesh, self.degree, self.penalty)
             facet = facet_of(field, self.fibres, family, penalty, normal)
             vary = partial(facet_variation, fibres=self.fibres, family=family)
             where = self.facets[family](metadata=rule)
-            found.append(FacetTerm(facet, on_facets, vary, where, self.geometric_weight))
+            terms.append(FacetTerm(facet, on_facets, vary, where, self.geometric_weight))
         if on_edges and held is not None:
             penalty = edge_penalty(mesh, self.degree, self.penalty)
             edge = edge_of(field, self.fibres, family, penalty, normal)
             vary = partial(edge_variation, fibres=self.fibres, family=family)
-            found.append(
+            terms.append(
                 FacetTerm(edge, on_edges, vary, held(metadata=rule), self.geometric_weight)
             )
-        return found
+        return terms
 
 
 def _bound(function: Any, values: Values) -> Callable[[Any], Any]:

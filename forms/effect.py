@@ -4,7 +4,7 @@ An effect is one file of this folder that defines ``EFFECT``; ``forms.catalogue`
 finds it, and everything else (case keys, spaces, integrals, history columns)
 follows from what the effect states here.
 
-An effect in a scene: with its values, and with a weight by which its share is told.
+An effect in a scene: with its values, and with a weight that selects its share.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Friction whose stress is carried as a variable of its own at quadrature points.
+"""Friction whose stress is a variable of its own at quadrature points.
 
 The stress tau enters the balance as a coefficient, and how it follows the increment b
 of the measure over a step is left to the solver. That is the only way for a set-valued
@@ -79,9 +79,9 @@ class PointFriction:
             return None
         assert rate is not None
         stresses = [ufl.variable(self.stress[i]) for i in range(self.size)]
-        found = [creep(t, self.term.values) / rate.weights[0] for t in stresses]
-        slopes = [ufl.diff(b, t) for b, t in zip(found, stresses, strict=True)]
-        return ufl.as_vector([*found, *slopes])
+        creeps = [creep(t, self.term.values) / rate.weights[0] for t in stresses]
+        slopes = [ufl.diff(b, t) for b, t in zip(creeps, stresses, strict=True)]
+        return ufl.as_vector([*creeps, *slopes])
 
     def loss(self) -> Any:
         """Return the energy (J) that a set-valued law dissipates in the step.

@@ -2,7 +2,7 @@
 
 The law of the published pantographic sheets (dell'Isola et al. 2016; Maurin et al.
 2019 with n = 1.36 or 2), where pivots between the families resist rotation. It has no
-barrier: the step limit alone keeps the families from crossing.
+pole: the step limit alone keeps the families from crossing.
 """
 
 from __future__ import annotations

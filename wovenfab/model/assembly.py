@@ -47,7 +47,7 @@ def assemble_matrix(matrix: Any, forms: Sum, bcs: Sequence[fem.DirichletBC] = ()
     matrix.zeroEntries()
     for form in forms:
         fem_petsc.assemble_matrix(matrix, form, list(bcs))
-        # The rows of the identity are set, and PETSc adds nothing more before it is told.
+        # Rows of the identity are set; PETSc must flush before more values are added.
         matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
     matrix.assemble()
 

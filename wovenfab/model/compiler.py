@@ -39,9 +39,9 @@ def _processor() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         return platform.processor() or platform.machine()
-    wanted = ("model name", "flags", "Features", "CPU part")
-    found = {line for line in lines if line.startswith(wanted)}
-    return "\n".join(sorted(found)) or platform.machine()
+    keys = ("model name", "flags", "Features", "CPU part")
+    kinds = {line for line in lines if line.startswith(keys)}
+    return "\n".join(sorted(kinds)) or platform.machine()
 
 
 @cache

@@ -72,7 +72,7 @@ class FieldProbe:
 
         Args:
             model: The model whose present field is evaluated.
-            groups: Groups of fields wanted; those the model lacks are left out.
+            groups: Groups of fields; those that the model lacks are left out.
             points: Reference points, shape (n, 2).
         """
         mesh = model.sheet.mesh
@@ -103,10 +103,10 @@ class FieldProbe:
 
 
 def _components(expressions: Sequence[Any]) -> list[Any]:
-    found: list[Any] = []
+    components: list[Any] = []
     for e in expressions:
-        found += [e] if e.ufl_shape == () else [e[i] for i in range(e.ufl_shape[0])]
-    return found
+        components += [e] if e.ufl_shape == () else [e[i] for i in range(e.ufl_shape[0])]
+    return components
 
 
 def interpolated(model: Model, name: str) -> fem.Function:

@@ -19,7 +19,7 @@ from wovenfab.sheet.fibre_mesh import quality
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
-#: Share of a side that is left next to the set, unless told otherwise.
+#: Share of a side that is left next to the set by default.
 RATIO = 0.25
 #: A vertex lies on a place that it is this close to, as a share of the largest coordinate.
 ON_PLACE = 1e-8
