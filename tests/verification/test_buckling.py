@@ -15,12 +15,8 @@ from scipy.special import ellipe, ellipk
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.options import SolverOptions
 from wovenfab.stepping.program import program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES
-from wovenfab.stepping.stability import StabilityLoss, StabilityLostError, Treatment
-from wovenfab.stepping.step import Step
-from wovenfab.stepping.time_stepper import TimeStepper
+from wovenfab.stepping.stability import StabilityLostError
 
 #: Length 1 and K_b = 1.
 WIDTH = 0.0625
@@ -37,25 +33,6 @@ def strip(cells: int, degree: int, shear: float, held: tuple[str, ...]) -> Model
     }
     on = scenes.sheet(1.0, WIDTH, 1 / cells, fibres=scenes.ALONG)
     return scenes.model(on, scenes.BONDED, Numerics(degree), values, rotation_edges=held)
-
-
-def pushed(
-    model: Model, shortening: float, steps: int, treatment: Treatment, smallest: float
-) -> tuple[list[Step], StabilityLoss | None]:
-    """Return the steps to a shortening (m), and the loss of stability that stopped them."""
-    options = SolverOptions(descend=treatment == "follow")
-    equilibrium = scenes.solver(model, scenes.PUSH, options)
-    program = program_of([ramp(0.0, shortening, 1.0, steps)])
-    scheme = SCHEMES["backward-euler"]
-    march = TimeStepper(equilibrium, program, scheme, smallest, treatment)
-    found, loss = [], None
-    try:
-        for step in march.steps():
-            found.append(step)
-    except StabilityLostError as error:
-        loss = error.loss
-    equilibrium.destroy()
-    return found, loss
 
 
 def euler(wave: float, shear: float) -> tuple[float, float]:
@@ -75,18 +52,19 @@ def critical(cells: int, degree: int, shear: float, held: tuple[str, ...]) -> tu
     """Return the relative errors of critical load and shortening."""
     load, shortening = euler(2 * pi if held else pi, shear)
     model = strip(cells, degree, shear, held)
-    _, loss = pushed(model, 1.25 * shortening, 1, "stop", 2.0**-24)
-    assert loss is not None and loss.negatives == 1
+    program = program_of([ramp(0.0, 1.25 * shortening, 1.0, 1)])
+    failure = scenes.push(model, program, "stop", 2.0**-24).failure
+    assert isinstance(failure, StabilityLostError)
+    loss = failure.loss
+    assert loss.negatives == 1
     return -loss.reactions["right"][0] / load - 1, loss.displacement / shortening - 1
 
 
 @pytest.mark.parametrize(("degree", "cells", "order"), [(2, 16, 2), (3, 8, 4)])
 def test_yarns_with_held_ends_buckle_at_eulers_load(degree: int, cells: int, order: int) -> None:
     errors = np.array([critical(n, degree, 0.0, BOTH) for n in (cells, 2 * cells)])
-    observed = np.log2(errors[0, 0] / errors[1, 0])
-    print(
-        f"\nP{degree}: errors {errors[:, 0]} at {cells} and {2 * cells} cells, order {observed:.2f}"
-    )
+    (observed,) = scenes.orders(errors[:, 0])
+    print(f"\nP{degree}: errors {errors[:, 0]} at {cells} cells and twice, order {observed:.2f}")
     assert observed > order - 0.1  # twice that of the energy norm
     assert (errors[1] > 0).all()  # conforming or not: from above
     assert errors[1].max() < (2e-3 if degree == 2 else 2e-5)
@@ -108,17 +86,14 @@ def elastica(shortening: float) -> tuple[float, float]:
 
 def test_the_branch_that_is_followed_is_the_elastica() -> None:
     model = strip(16, 3, 0.0, ())
-    steps, _ = pushed(model, 0.3, 6, "follow", 1 / 1024)
-    assert [s.negatives for s in steps] == [0] * len(steps)
-    losses = [s.loss for s in steps if s.loss]
-    assert len(losses) == 1
-    assert losses[0].displacement == pytest.approx(euler(pi, 0.0)[1], rel=2e-3)
-    end = steps[-1]
-    load, deflection = elastica(end.displacement)
-    found = -end.reactions["right"][0] / WIDTH / pi**2
+    run = scenes.push(model, program_of([ramp(0.0, 0.3, 1.0, 6)]), "follow")
+    assert run.failure is None
+    assert not any(s.negatives for s in run.steps)
+    (loss,) = [s.loss for s in run.steps if s.loss]
+    assert loss.displacement == pytest.approx(euler(pi, 0.0)[1], rel=2e-3)
+    end = run.steps[-1]
+    expected = np.array(elastica(end.displacement))
     middle = np.abs(model.field.x.array[1::2]).max()
-    print(
-        f"\nload {found / load - 1:.1e}, deflection {middle / deflection - 1:.1e} off the elastica"
-    )
-    assert found == pytest.approx(load, rel=5e-4)
-    assert middle == pytest.approx(deflection, rel=5e-4)
+    observed = np.array([-end.reactions["right"][0] / WIDTH / pi**2, middle])
+    print(f"\nload and deflection {observed / expected - 1} off the elastica")
+    assert observed == pytest.approx(expected, rel=5e-4)

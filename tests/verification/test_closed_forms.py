@@ -6,7 +6,8 @@ coupling (and the friction) like a beam or a bar on its foundation.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import atan, atanh, cos, pi, sin, sqrt, tanh
 
 import numpy as np
@@ -14,7 +15,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
-from forms.catalogue import effects
 from tests import scenes
 from wovenfab.model.build import build_model
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
@@ -49,6 +49,14 @@ def whole(length: float, width: float, mesh_size: float, fibres: tuple[float, fl
     return WholeSheet(on.mesh, on.facets, on.edges, on.fibres)
 
 
+#: Amplitudes about the mean are half the strokes (m).
+STROKE = np.array([0.02, 0.01])
+DRIVE = (Grip("first", (Held(0.02), Held(0.01)), (0,)), SECOND_AT_REST)
+#: Area of a slider, and the loss of Coulomb's law in one cycle.
+AREA = 0.02
+COULOMB = 4 * ZETA * STROKE.sum() / 2 * AREA
+
+
 def slider(fibres: tuple[float, float] = ALONG, eta: float = ETA) -> Model:
     values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA, "slope": eta}}
     return scenes.model(whole(0.2, 0.1, 0.1, fibres), SLIDER, TWO_STEPS, values)
@@ -56,42 +64,36 @@ def slider(fibres: tuple[float, float] = ALONG, eta: float = ETA) -> Model:
 
 def test_a_homogeneous_slip_has_the_energy_power_and_force_of_coulomb_made_smooth() -> None:
     model = slider(scenes.BIAS)
-    area, slip, rate = 0.02, np.array([2e-3, 5e-4]), np.array([0.02, -0.005])
-    step = 0.1
+    slip, rate, step = np.array([2e-3, 5e-4]), np.array([0.02, -0.005]), 0.1
     for weight, value in zip(model.rate_weights, (1 / step, -1 / step, 0.0), strict=True):
         weight.value = value
-    first = np.array([slip[0], slip[1], 0, 0])
-    model.field.x.array[:] = np.tile(first, model.unknowns // 4)
-    model.history[0].x.array[:] = np.tile(
-        first - step * np.array([rate[0], rate[1], 0, 0]), model.unknowns // 4
-    )
+    model.field.x.array.reshape(-1, 4)[:, :2] = slip
+    model.history[0].x.array.reshape(-1, 4)[:, :2] = slip - step * rate
     along = model.sheet.fibres @ rate  # components along D_1 and D_2
+    friction = ZETA * np.tanh(ETA * along)
     assert model.stored_energy()["coupling"] == pytest.approx(
-        K_C / 2 * slip @ slip * area, rel=1e-12
+        K_C / 2 * slip @ slip * AREA, rel=1e-12
     )
     assert model.dissipated_power()["slip_friction"] == pytest.approx(
-        ZETA * np.tanh(ETA * along) @ along * area, rel=1e-10
+        friction @ along * AREA, rel=1e-10
     )
     vector = scenes.internal_force(model)
     resultant = vector.array_r.reshape(-1, 4).sum(axis=0)
     vector.destroy()
-    force = area * (K_C * slip + ZETA * np.tanh(ETA * along) @ model.sheet.fibres)
+    force = AREA * (K_C * slip + friction @ model.sheet.fibres)
     assert resultant == pytest.approx(np.concatenate([force, -force]), rel=1e-10)
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
 def test_a_driven_slider_loses_four_zeta_times_the_amplitude_as_eta_grows(scheme: str) -> None:
-    stroke, period, area = np.array([0.02, 0.01]), 2.0, 0.02
-    drive = Grip("first", (Held(float(stroke[0])), Held(float(stroke[1]))), (0,))
+    period, shares = 2.0, []
     program = program_of(cycle(0.0, 1.0, period, 160))
-    coulomb = 4 * ZETA * stroke.sum() / 2  # amplitudes about the mean are half the strokes
-    shares = []
     for eta in (ETA, 10 * ETA, 1000 * ETA):
-        steps = scenes.march(slider(eta=eta), program, scheme, (drive, SECOND_AT_REST))
-        lost = steps[-1].dissipated["slip_friction"] / area
-        exact = sum(quad(loss, 0, period, args=(s, period, eta), limit=500)[0] for s in stroke)
-        assert lost == pytest.approx(exact, rel=4e-3 if scheme == "bdf2" else 2e-4)
-        shares.append(lost / coulomb)
+        steps = scenes.march(slider(eta=eta), program, scheme, DRIVE)
+        lost = steps[-1].dissipated["slip_friction"]
+        exact = sum(quad(loss, 0, period, args=(s, period, eta), limit=500)[0] for s in STROKE)
+        assert lost == pytest.approx(exact * AREA, rel=4e-3 if scheme == "bdf2" else 2e-4)
+        shares.append(lost / COULOMB)
     print(f"\n{scheme}: loss over 4 zeta beta_max {np.round(shares, 5)} at eta = 70, 700, 7e4 s/m")
     assert shares[0] < 0.9 < 0.99 < shares[1]
     assert shares[2] == pytest.approx(1.0, abs=3e-3 if scheme == "bdf2" else 1e-5)
@@ -103,28 +105,31 @@ def loss(time: float, stroke: float, period: float, eta: float) -> float:
     return ZETA * tanh(eta * rate) * rate
 
 
+def pushed_slider(
+    friction: str, length: float, push: Callable[[object, float], float], history: int = 2
+) -> Model:
+    """Return a slider pushed (N/m) at the end of yarns that hardly stretch."""
+    values = {
+        "stretch": {"stiffness": (1e13, 1e13)},
+        "coupling": {"stiffness": K_C},
+        "slip_friction": {"strength": ZETA, "slope": ETA},
+    }
+    chosen = [scenes.effect(name) for name in ("stretch", "coupling", friction)]
+    load = EdgeLoad("right", (0,), (push, 0.0))
+    on = whole(length, 0.1, 0.1, ALONG)
+    return build_model(on, chosen, values, replace(TWO_STEPS, history=history), loads=[load])
+
+
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
 def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str) -> None:
-    """K_c b + zeta tanh(eta db/dt) = f, pushed suddenly at the end of yarns that hardly stretch."""
+    """K_c b + zeta tanh(eta db/dt) = f, pushed suddenly."""
     length, duration, push = 0.2, 0.5, 0.5 * ZETA
 
     def rate(_: float, b: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.arctanh((push - K_C * b) / ZETA) / ETA
 
     exact = solve_ivp(rate, (0, duration), [0.0], "Radau", rtol=1e-11, atol=1e-15).y[0, -1]
-    values = {
-        "stretch": {"stiffness": (1e13, 1e13)},
-        "coupling": {"stiffness": K_C},
-        "slip_friction": {"strength": ZETA, "slope": ETA},
-    }
-    load = EdgeLoad("right", (0,), (lambda _, program: push * length * program, 0.0))
-    model = build_model(
-        whole(length, 0.1, 0.1, ALONG),
-        [effects()[name] for name in values],
-        values,
-        TWO_STEPS,
-        loads=[load],
-    )
+    model = pushed_slider("slip_friction", length, lambda _, program: push * length * program)
     errors, imbalances = [], []
     for steps in (20, 40, 80, 160):
         suddenly = ramp(0.0, 1.0, 1e-6 * duration, 1)
@@ -135,7 +140,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str)
         errors.append(abs(slips[:, 0].mean() / exact - 1))
         gained = last.stored["coupling"] + last.dissipated["slip_friction"]
         imbalances.append(abs(last.work / gained - 1))
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    orders = scenes.orders(errors)
     print(f"\n{scheme}: errors {errors}, orders {np.round(orders, 2)}, theory 2")
     print(f"the load's work is stored and dissipated but for {imbalances}")
     assert orders[-1] == pytest.approx(2.0, abs=0.25)
@@ -155,32 +160,29 @@ def layer(cells: int, k_e: float) -> Model:
     return scenes.model(on, scenes.COUPLED, scenes.PROTOTYPE, values)
 
 
-def test_a_bent_layer_meets_the_force_of_a_beam_on_its_foundation_with_order_two() -> None:
-    deflection = 1e-4
-    errors = []
-    for cells in (32, 64, 128):
-        grips = (SECOND_AT_REST, Grip("left", (Held(), Held(1.0)), (0,)))
-        force = scenes.force(layer(cells, 100.0), grips, deflection)["left"][1]
+@pytest.mark.parametrize(
+    ("axis", "k_e", "force_per_width", "coarsest", "order", "error"),
+    [
         # K_b w'''' + K_c w = 0, free slope at the end: K_c w λ/2 with λ = 1
-        errors.append(force / (0.5 * deflection * 8.0 / cells) - 1)
-    orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
-    print(f"\nWinkler: errors {errors}, orders {np.round(orders, 2)}, theory 2 (P2)")
-    assert abs(errors[-1]) < 2e-3
-    assert orders[-1] == pytest.approx(2.0, abs=0.3)
-
-
-def test_a_pulled_layer_meets_the_force_of_a_bar_on_its_foundation_with_order_four() -> None:
-    errors, k_e, length = [], 4.0, 8.0
-    for cells in (16, 32, 64):
-        grips = (SECOND_AT_REST, Grip("left", (Held(1.0), Held()), (0,)))
-        force = scenes.force(layer(cells, k_e), grips, -1e-4)["left"][0]
+        (1, 100.0, 0.5, 32, 2.0, 2e-3),
         # K_e u'' = K_c u, free at the other end
-        exact = -1e-4 * sqrt(k_e) * tanh(length / sqrt(k_e)) * 8.0 / cells
-        errors.append(force / exact - 1)
-    orders = np.log2(np.abs(errors[:-1]) / np.abs(errors[1:]))
-    print(f"\nbar: errors {errors}, orders {np.round(orders, 2)}, theory 4 (P2)")
-    assert abs(errors[-1]) < 1e-6
-    assert orders[0] == pytest.approx(4.0, abs=0.3)
+        (0, 4.0, 2.0 * tanh(8.0 / 2.0), 16, 4.0, 1e-6),
+    ],
+    ids=["bent like a beam", "pulled like a bar"],
+)
+def test_a_layer_meets_the_force_of_a_beam_or_bar_on_its_foundation(
+    axis: int, k_e: float, force_per_width: float, coarsest: int, order: float, error: float
+) -> None:
+    moved, errors = 1e-4 * (1 - 2 * (axis == 0)), []
+    held = (Held(1.0), Held()) if axis == 0 else (Held(), Held(1.0))
+    for cells in (coarsest, 2 * coarsest, 4 * coarsest):
+        grips = (SECOND_AT_REST, Grip("left", held, (0,)))
+        force = scenes.force(layer(cells, k_e), grips, moved)["left"][axis]
+        errors.append(force / (force_per_width * moved * 8.0 / cells) - 1)
+    orders = scenes.orders(errors)
+    print(f"\nerrors {errors}, orders {np.round(orders, 2)}, theory {order} (P2)")
+    assert abs(errors[-1]) < error
+    assert orders[-1 if axis else 0] == pytest.approx(order, abs=0.3)
 
 
 STIFF, SOFT, SPIN, SLOPE = 20.0, 1.0, 0.5, 3.0
@@ -207,13 +209,13 @@ def bias_pull(
         spin = -atanh(wy / (SPIN * gy)) / SLOPE
         return [(spin - gx * speed) / gy]
 
-    found = solve_ivp(rate, (0, times[-1]), [1.0], "Radau", times, rtol=1e-10, atol=1e-12)
-    assert found.success
+    solution = solve_ivp(rate, (0, times[-1]), [1.0], "Radau", times, rtol=1e-10, atol=1e-12)
+    assert solution.success
     forces = []
-    for time, y in zip(times, found.y[0], strict=True):
+    for time, y in zip(times, solution.y[0], strict=True):
         gx, gy, wx, wy, _ = parts(time, y)
         forces.append(wx - wy / gy * gx)  # the friction torque is -wy/gy
-    return found.y[0], np.array(forces)
+    return solution.y[0], np.array(forces)
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
@@ -240,11 +242,9 @@ def test_a_homogeneous_bias_pull_with_spin_friction_follows_its_equation_with_or
         force = np.array([s.reactions["right"][0] for s in steps])
         errors.append(np.linalg.norm(force - exact_force) / np.linalg.norm(exact_force))
     width = 1 + model.field.x.array.reshape(-1, 2)[:, 1].min()
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    orders = scenes.orders(errors)
     swing = np.ptp([atan((x / y - y / x) / 2) for x, y in ((1, 1), (1.3, exact_y[10]))])
-    print(
-        f"\n{scheme}: shear up to {swing:.2f} rad, eta dgamma/dt up to {SLOPE * swing * pi / 2:.1f}"
-    )
+    print(f"\n{scheme}: shear up to {swing:.2f} rad, eta dgamma/dt {SLOPE * swing * pi / 2:.1f}")
     print(f"force errors {errors}, orders {np.round(orders, 2)}, theory 2")
     assert orders[-1] == pytest.approx(2.0, abs=0.25)
     assert errors[-1] < 1e-3

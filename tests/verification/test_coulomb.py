@@ -13,14 +13,22 @@ from numpy.typing import NDArray
 
 from forms.catalogue import effects
 from tests import scenes
-from tests.verification.test_closed_forms import ALONG, K_C, SECOND_AT_REST, ZETA, whole
-from wovenfab.model.build import build_model
-from wovenfab.model.constraints import EdgeLoad, Grip, Held
+from tests.verification.test_closed_forms import (
+    ALONG,
+    AREA,
+    COULOMB,
+    DRIVE,
+    K_C,
+    SECOND_AT_REST,
+    STROKE,
+    ZETA,
+    pushed_slider,
+    whole,
+)
 from wovenfab.model.model import Model, Numerics
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.step import Step
 
-AREA = 0.02
 #: Most iterations of a step.
 MOST = 12
 #: Out, a hold, an instant reversal, a jump in velocity, and on.
@@ -33,13 +41,13 @@ def route(speed: float = 1.0) -> Program:
 
 
 def losses(steps: list[Step]) -> NDArray[np.float64]:
-    return np.diff([sum(s.dissipated.values()) for s in steps])
+    return np.diff([scenes.lost(s) for s in steps])
 
 
-def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, history: int = 1) -> Model:
+def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, **numerics: int) -> Model:
     values = {**scenes.TABLE_1, kind: {"strength": KINDS[kind], "slope": slope}}
     names = (*scenes.COUPLED, f"{kind}:{law}")
-    return scenes.model(scenes.sheet(), names, Numerics(2, history=history), values)
+    return scenes.model(scenes.sheet(), names, Numerics(2, **numerics), values)
 
 
 @pytest.mark.parametrize("count", [4, 160])
@@ -52,18 +60,15 @@ def test_a_driven_slider_loses_four_zeta_times_the_amplitude_in_each_cycle(
     names = ("coupling", "slip_friction:coulomb")
     numerics = Numerics(1, history=1 if scheme == "backward-euler" else 2)
     model = scenes.model(whole(0.2, 0.1, 0.1, ALONG), names, numerics, values)
-    stroke = np.array([0.02, 0.01])
-    drive = Grip("first", (Held(float(stroke[0])), Held(float(stroke[1]))), (0,))
     program = program_of([*cycle(0.0, 1.0, 2.0, count), *cycle(0.0, 1.0, 2.0, count)])
-    steps = scenes.march(model, program, scheme, (drive, SECOND_AT_REST))
-    coulomb = 4 * ZETA * stroke.sum() / 2  # amplitudes about the mean are half the strokes
-    assert steps[-1].dissipated["slip_friction"] == pytest.approx(2 * coulomb * AREA, rel=1e-9)
+    steps = scenes.march(model, program, scheme, DRIVE)
+    assert scenes.lost(steps[-1]) == pytest.approx(2 * COULOMB, rel=1e-9)
     assert (losses(steps) > 0).all()
-    missing = [s.work - sum(s.stored.values()) - sum(s.dissipated.values()) for s in steps]
-    assert np.array(missing) == pytest.approx(0, abs=1e-8 * steps[-1].dissipated["slip_friction"])
+    missing = np.array([scenes.imbalance(s) for s in steps])
+    assert missing == pytest.approx(0, abs=1e-8 * scenes.lost(steps[-1]))
     for before, now in pairwise(steps):
         way = np.sign(now.displacement - before.displacement)
-        force = (K_C * now.displacement * stroke + ZETA * way) * AREA
+        force = (K_C * now.displacement * STROKE + ZETA * way) * AREA
         assert np.array(now.reactions["first"]) == pytest.approx(force, abs=1e-7 * ZETA * AREA)
     assert max(s.iterations for s in steps) <= MOST
 
@@ -71,29 +76,18 @@ def test_a_driven_slider_loses_four_zeta_times_the_amplitude_in_each_cycle(
 def test_a_pushed_slider_is_elastic_and_plastic() -> None:
     """K_c b + zeta sign(db/dt) = f, and at rest while the spring needs less than zeta."""
     loads = [0.5, 0.9, 1.5, 3.0, 2.0, 1.1, 0.5, 0.0, 0.5, 2.5, 4.0]  # of zeta
-    values = {
-        "stretch": {"stiffness": (1e13, 1e13)},
-        "coupling": {"stiffness": K_C},
-        "slip_friction": {"strength": ZETA},
-    }
-    chosen = [scenes.effect(name) for name in ("stretch", "coupling", "slip_friction:coulomb")]
-    load = EdgeLoad("right", (0,), (lambda x, t: ZETA * 0.2 * t, 0.0))
-    on = whole(0.2, 0.1, 0.1, ALONG)
-    model = build_model(on, chosen, values, Numerics(1, history=1), loads=[load])
-    slips = []
-
-    def look(_: Step) -> None:
-        slips.append(float(model.field.x.array.reshape(-1, 2)[:, 0].max()))
-        slips[-1] += float(model.field.x.array.reshape(-1, 2)[:, 0].min())
-
-    way = [ramp(a, b, 1.0, 1) for a, b in pairwise([0.0, *loads])]
-    steps = scenes.march(model, program_of(way), grips=(SECOND_AT_REST,), look=look)
+    model = pushed_slider("slip_friction:coulomb", 0.2, lambda _, t: ZETA * 0.2 * t, 1)
+    program = program_of([ramp(a, b, 1.0, 1) for a, b in pairwise([0.0, *loads])])
+    run = scenes.run(model, program, grips=(SECOND_AT_REST,))
+    assert run.failure is None
+    moved = [field.reshape(-1, 2)[:, 0] for field in run.fields]
+    slips = [float(along.max() + along.min()) for along in moved]
     b, exact = 0.0, []
     for load_of_zeta in loads:
         b = min(max(b, (load_of_zeta - 1) * ZETA / K_C), (load_of_zeta + 1) * ZETA / K_C)
         exact.append(b)
     assert slips[1:] == pytest.approx(exact, abs=1e-6 * ZETA / K_C)
-    assert max(s.iterations for s in steps) <= MOST
+    assert max(s.iterations for s in run.steps) <= MOST
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -101,8 +95,7 @@ def test_the_speed_does_not_matter(kind: str) -> None:
     loops = []
     for speed in (1.0, 10.0, 1000.0):
         steps = scenes.march(sheet_with(kind), route(speed))
-        forces = [s.reactions["right"][0] for s in steps]
-        loops.append([*forces, *(sum(s.dissipated.values()) for s in steps)])
+        loops.append([*(s.reactions["right"][0] for s in steps), *map(scenes.lost, steps)])
         assert max(s.iterations for s in steps) <= MOST
         assert sum(s.cutbacks for s in steps) == 0
     size = np.abs(loops[0]).max()
@@ -118,10 +111,10 @@ def test_the_stress_is_never_above_its_bound_and_no_step_gains_energy(
     model = sheet_with(kind, history=1 if scheme == "backward-euler" else 2)
     largest = []
 
-    def look(_: Step) -> None:
+    def record(_: Step) -> None:
         largest.append(max(float(np.abs(c.stress.x.array).max()) for c in model.point_frictions))
 
-    steps = scenes.march(model, route(), scheme, look=look)
+    steps = scenes.march(model, route(), scheme, look=record)
     assert max(largest) <= KINDS[kind]
     assert max(largest) > 0.99 * KINDS[kind]  # somewhere it slides
     assert losses(steps).min() >= 0
@@ -134,8 +127,7 @@ def test_the_energy_balances_the_better_the_shorter_the_steps() -> None:
     for share in (1, 2, 4):
         parts = [ramp(0.0, 0.02, 1.0, 4 * share), ramp(0.02, 0.0, 1.0, 4 * share)]
         last = scenes.march(sheet_with("slip_friction"), program_of(parts))[-1]
-        lost = sum(last.dissipated.values())
-        missing.append(abs(last.work - sum(last.stored.values()) - lost) / lost)
+        missing.append(abs(scenes.imbalance(last)) / scenes.lost(last))
     assert missing[2] < missing[0] / 6
     assert missing[2] < 0.02
 
@@ -149,27 +141,17 @@ def test_the_loop_of_the_smooth_law_tends_to_coulombs_as_its_slope_grows(kind: s
     """
     slopes = np.array([1e3, 1e4, 1e5, 1e6]) * (30 if kind == "slip_friction" else 1)
 
-    def loop(model: Model) -> NDArray[np.float64]:
+    def loop(law: str, slope: float = 1.0) -> NDArray[np.float64]:
+        model = sheet_with(kind, law, slope, friction=4)  # the same points for both laws
         return np.array([s.reactions["right"][0] for s in scenes.march(model, route())])
 
-    exact = loop(with_same_rule(kind, "coulomb"))
-    away = [
-        np.abs(loop(with_same_rule(kind, "smooth", eta)) - exact).max() / np.abs(exact).max()
-        for eta in slopes
-    ]
+    exact = loop("coulomb")
+    away = [np.abs(loop("smooth", eta) - exact).max() / np.abs(exact).max() for eta in slopes]
     orders = -np.diff(np.log(away)) / np.diff(np.log(slopes))
     print(f"\n{kind}: difference from Coulomb's loop {away}, orders {orders}")
     assert away[-1] < 1e-3
     assert (np.diff(orders) > 0).all()
     assert orders[-1] > 0.65
-
-
-def with_same_rule(kind: str, law: str, slope: float = 1.0) -> Model:
-    """Return a sheet whose friction stands at the same points whichever its law is."""
-    values = {**scenes.TABLE_1, kind: {"strength": KINDS[kind], "slope": slope}}
-    numerics = Numerics(2, history=1, friction=4)
-    names = (*scenes.COUPLED, f"{kind}:{law}")
-    return scenes.model(scenes.sheet(), names, numerics, values)
 
 
 def test_a_scene_without_it_builds_nothing_of_it() -> None:

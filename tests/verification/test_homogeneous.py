@@ -26,26 +26,28 @@ SLIDING = (Grip("left", (Held(), None)), Grip("bottom", (None, Held())))
 TIGHT = SolverOptions(tolerance=1e-12)
 
 
+in_both = pytest.mark.parametrize(
+    "names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"]
+)
+
+
 def sheet_model(fibres: tuple[float, float]) -> Model:
     on = scenes.sheet(LENGTH, WIDTH, 0.15, fibres=fibres)
     return scenes.model(on, scenes.BONDED, scenes.PROTOTYPE, VALUES)
 
 
-def pulled(along: float, across: float) -> tuple[Grip, ...]:
-    """Return the grips that move the right and the top edge by shares of the program."""
-    right, top = Grip("right", (Held(along), None)), Grip("top", (None, Held(across)))
-    return (*SLIDING, right, top)
+def stretched(model: Model, x: float, y: float) -> tuple[float, float]:
+    """Return the forces (N) on the right and the top edge at stretches of the sheet."""
+    right = Grip("right", (Held((x - 1) * LENGTH), None))
+    top = Grip("top", (None, Held((y - 1) * WIDTH)))
+    reactions = scenes.force(model, (*SLIDING, right, top), 1.0, TIGHT)
+    return reactions["right"][0], reactions["top"][1]
 
 
-def deform(model: Model, gradient: np.ndarray) -> None:
-    scenes.set_field(model.field, lambda x: (gradient - np.eye(2)) @ x[:2])
-
-
-def work_of_forces(model: Model, velocity: np.ndarray) -> float:
-    """Return the power of the internal forces on a homogeneous velocity gradient."""
-    motion = fem.Function(model.space)
-    scenes.set_field(motion, lambda x: velocity @ x[:2])
-    return float(internal_force(model) @ motion.x.array)
+def shear(gamma: float) -> tuple[float, float]:
+    """Return the shear energy (J) and torque (N m) of the sheet at a shear angle."""
+    area = LENGTH * WIDTH
+    return 200.0 * tan(gamma) ** 2 * area, 400.0 * tan(gamma) / cos(gamma) ** 2 * area
 
 
 def internal_force(model: Model) -> np.ndarray:
@@ -60,8 +62,8 @@ def test_uniaxial_pull_along_a_fibre_meets_that_familys_stiffness(family: int) -
     model = sheet_model(ALONG)
     size, across = (LENGTH, WIDTH) if family == 0 else (WIDTH, LENGTH)
     strain, edge = 0.01, ("right", "top")[family]
-    pulled = Grip(edge, (Held(1.0), None) if family == 0 else (None, Held(1.0)))
-    reaction = scenes.force(model, (*SLIDING, pulled), strain * size)[edge]
+    pull = Grip(edge, (Held(1.0), None) if family == 0 else (None, Held(1.0)))
+    reaction = scenes.force(model, (*SLIDING, pull), strain * size)[edge]
     stiffness = VALUES["stretch"]["stiffness"][family]
     assert reaction[family] == pytest.approx(stiffness * strain * across, rel=1e-10)
     stored = model.stored_energy()
@@ -70,43 +72,32 @@ def test_uniaxial_pull_along_a_fibre_meets_that_familys_stiffness(family: int) -
 
 
 def test_biaxial_pull_along_the_fibres_meets_each_familys_stiffness() -> None:
-    model = sheet_model(ALONG)
-    reactions = scenes.force(model, pulled(1.0, 0.5), 0.009)
-    k = VALUES["stretch"]["stiffness"]
-    assert reactions["right"][0] == pytest.approx(k[0] * 0.009 / LENGTH * WIDTH, rel=1e-10)
-    assert reactions["top"][1] == pytest.approx(k[1] * 0.0045 / WIDTH * LENGTH, rel=1e-10)
+    right, top = stretched(sheet_model(ALONG), 1.01, 1.015)
+    first, second = VALUES["stretch"]["stiffness"]
+    assert right == pytest.approx(first * 0.01 * WIDTH, rel=1e-10)
+    assert top == pytest.approx(second * 0.015 * LENGTH, rel=1e-10)
 
 
 def test_biaxial_stretch_of_a_bias_sheet_has_the_closed_form_of_stretch_and_shear() -> None:
     # Equal families: otherwise the edges that slide freely would have to hold shear.
-    on = scenes.sheet(LENGTH, WIDTH, 0.15)
-    model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
     x, y = 1.2, 0.8
-    reactions = scenes.force(model, pulled((x - 1) * LENGTH, (y - 1) * WIDTH), 1.0, TIGHT)
+    right, top = stretched(scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE), x, y)
     length, k_e, k_s = sqrt((x * x + y * y) / 2), 2 * 1.27e8, 400.0
     # e_1·e_2 = (x² - y²)/(x² + y²), hence tan gamma = (x/y - y/x)/2
     pull, skew = k_e * (length - 1) / (2 * length), k_s / 4 * (x / y - y / x)
-    assert reactions["right"][0] / WIDTH == pytest.approx(
-        pull * x + skew * (1 / y + y / x**2), rel=1e-10
-    )
-    assert reactions["top"][1] / LENGTH == pytest.approx(
-        pull * y - skew * (x / y**2 + 1 / x), rel=1e-10
-    )
+    assert right / WIDTH == pytest.approx(pull * x + skew * (1 / y + y / x**2), rel=1e-10)
+    assert top / LENGTH == pytest.approx(pull * y - skew * (x / y**2 + 1 / x), rel=1e-10)
 
 
 def test_a_picture_frame_along_the_bias_meets_shear_alone() -> None:
     model = sheet_model(scenes.BIAS)
     gamma = 0.6
     x, y = sqrt(1 + sin(gamma)), sqrt(1 - sin(gamma))  # yarns keep their length
-    reactions = scenes.force(model, pulled((x - 1) * LENGTH, (y - 1) * WIDTH), 1.0, TIGHT)
-    torque = reactions["right"][0] * LENGTH * cos(gamma) / (2 * x) - reactions["top"][
-        1
-    ] * WIDTH * cos(gamma) / (2 * y)
-    area = LENGTH * WIDTH
-    assert torque == pytest.approx(400.0 * tan(gamma) / cos(gamma) ** 2 * area, rel=1e-10)
-    assert model.stored_energy()["shear"] == pytest.approx(
-        200.0 * tan(gamma) ** 2 * area, rel=1e-10
-    )
+    right, top = stretched(model, x, y)
+    torque = (right * LENGTH / x - top * WIDTH / y) * cos(gamma) / 2
+    energy, expected = shear(gamma)
+    assert torque == pytest.approx(expected, rel=1e-10)
+    assert model.stored_energy()["shear"] == pytest.approx(energy, rel=1e-10)
 
 
 @pytest.mark.parametrize("fibres", [ALONG, (pi / 2, 0.0), scenes.BIAS, (0.2, 0.2 - pi / 2)])
@@ -124,20 +115,17 @@ def test_homogeneous_shear_stores_the_shear_energy_and_meets_its_torque(
         turn = np.array([[cos(half), -sin(half)], [sin(half), cos(half)]])
         return np.outer(turn @ first, first) + np.outer(turn.T @ second, second)
 
-    deform(model, turned(gamma))
-    area, step = LENGTH * WIDTH, 1e-3
-    assert model.stored_energy()["shear"] == pytest.approx(
-        200.0 * tan(gamma) ** 2 * area, rel=1e-10
-    )
-    assert sum(model.stored_energy().values()) == pytest.approx(
-        model.stored_energy()["shear"], rel=1e-10
-    )
+    scenes.set_field(model.field, lambda x: (turned(gamma) - np.eye(2)) @ x[:2])
+    (energy, torque), stored, step = shear(gamma), model.stored_energy(), 1e-3
+    assert stored["shear"] == pytest.approx(energy, rel=1e-10)
+    assert sum(stored.values()) == pytest.approx(stored["shear"], rel=1e-10)
     # The derivative of the rotations is the same gradient a quarter turn of 2x half on.
     velocity = (turned(gamma + pi) - turned(gamma - pi)) / 4
     approximate = (turned(gamma + step) - turned(gamma - step)) / (2 * step)
     assert velocity == pytest.approx(approximate, abs=1e-6)
-    torque = 400.0 * tan(gamma) / cos(gamma) ** 2 * area
-    assert work_of_forces(model, velocity) == pytest.approx(torque, rel=1e-10)
+    motion = fem.Function(model.space)
+    scenes.set_field(motion, lambda x: velocity @ x[:2])
+    assert internal_force(model) @ motion.x.array == pytest.approx(torque, rel=1e-10)
 
 
 @pytest.mark.parametrize("fibres", [(0.3, -0.9), (0.0, 0.5), (0.1, 2.9)])
@@ -179,25 +167,22 @@ def test_turning_both_grips_together_needs_no_force() -> None:
     equilibrium.destroy()
 
 
-@pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
+@in_both
 def test_the_reaction_is_the_slope_of_the_solved_energy(names: tuple[str, ...]) -> None:
     model = scenes.model(scenes.sheet(), names, scenes.PROTOTYPE)
 
     def at(displacement: float) -> tuple[float, float]:
         model.field.x.array[:] = 0
-        force = scenes.force(model, scenes.PULL, displacement)["right"][0]
-        return force, scenes.energy(model)
+        return scenes.pull(model, displacement), scenes.energy(model)
 
-    force, errors = at(0.03)[0], []
-    for h in (2e-3, 1e-3):
-        slope = (at(0.03 + h)[1] - at(0.03 - h)[1]) / (2 * h)
-        errors.append(abs(slope / force - 1))
+    slopes = [(at(0.03 + h)[1] - at(0.03 - h)[1]) / (2 * h) for h in (2e-3, 1e-3)]
+    errors = np.abs(np.array(slopes) / at(0.03)[0] - 1)
     assert errors[1] < 1e-3
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2.0, abs=0.1)
+    assert scenes.orders(errors) == pytest.approx(2.0, abs=0.1)
 
 
 @pytest.mark.parametrize("pattern", ["crossed", "right"])
-@pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
+@in_both
 def test_the_grips_balance_and_a_symmetric_sheet_needs_no_transverse_force(
     names: tuple[str, ...], pattern: str
 ) -> None:
