@@ -283,10 +283,9 @@ def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -
     ended = wovenfab("run", "small.yaml", "-o", "two", cwd=folder, ranks=2)
     assert ended.returncode == 0, ended.stderr
     assert ended.stdout.count("done: 16 steps") == 1
+    one, two = (rows(run) for run in (folder / "results" / "small", folder / "two"))
     for column in ("force_N", "energy_J", "dissipated_J"):
-        one, two = (
-            [float(row[column]) for row in rows(run)]
-            for run in (folder / "results" / "small", folder / "two")
-        )
-        assert two == pytest.approx(one, rel=0, abs=1e-8 * max(map(abs, one)))
-        assert one["newton_iterations"] == two["newton_iterations"]
+        alone, together = ([float(row[column]) for row in table] for table in (one, two))
+        assert together == pytest.approx(alone, rel=0, abs=1e-8 * max(map(abs, alone)))
+    iterations = [[row["newton_iterations"] for row in table] for table in (one, two)]
+    assert iterations[0] == iterations[1]

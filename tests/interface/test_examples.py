@@ -21,7 +21,9 @@ def text_of(example: Path) -> str:
     if example.suffix != ".ipynb":
         return text
     cells = [c for c in json.loads(text)["cells"] if c["cell_type"] == "code"]
-    return "\n".join(["import matplotlib", "matplotlib.use('Agg')", *(c["source"] for c in cells)])
+    return "\n".join(
+        ["import matplotlib", "matplotlib.use('Agg')", *("".join(c["source"]) for c in cells)]
+    )
 
 
 @pytest.mark.parametrize("example", EXAMPLES, ids=lambda path: path.name)

@@ -13,7 +13,7 @@ from wovenfab.record.results import ResultsExistError
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
-    "program": {"type": "ramp", "to": "10 mm", "steps": 3},
+    "program": {"type": "ramp", "to": "10 mm", "steps": 3, "velocity": "0.1 m/s"},
     "discretisation.mesh_size": "150 mm",
     "discretisation.degree": 2,
     "output.pictures": False,
@@ -94,7 +94,9 @@ def test_a_field_as_a_function_has_the_values_of_the_results(
 
 
 def test_a_failed_run_keeps_its_history_and_says_why(case: wovenfab.Case) -> None:
-    hard = case.changed("program={type: ramp, to: 300 mm, steps: 2}", "time.smallest_step=0.5")
+    hard = case.changed(
+        "program={type: ramp, to: 300 mm, steps: 2, velocity: 0.1 m/s}", "time.smallest_step=0.5"
+    )
     run = wovenfab.simulate(hard)
     assert not run.finished and "no equilibrium at t = " in run.summary["outcome"]
     assert len(run.history["step"]) >= 1
