@@ -16,13 +16,11 @@ from petsc4py import PETSc
 from forms.catalogue import effects
 from forms.effect import Effect
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, Grip, Held
-from wovenfab.model.model import Model, Numerics
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet, directions, rectangle
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolverOptions
-from wovenfab.solver.problem import Problem
+from wovenfab.solver.problem import Problem, SolverOptions
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLostError, Treatment

@@ -16,8 +16,7 @@ from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.options import SolveResult, SolverOptions
-from wovenfab.solver.problem import Problem
+from wovenfab.solver.problem import Problem, SolveResult, SolverOptions
 from wovenfab.stepping.step_size import CUT, StepSizeControl
 from wovenfab.study.table import markdown
 

@@ -26,7 +26,7 @@ from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import problem as solver_module
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLoss

@@ -13,11 +13,10 @@ from forms.catalogue import effects
 from forms.effect import Effect, Parameter
 from forms.kinematics import norm
 from tests import scenes
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Grip
-from wovenfab.model.model import Model, Numerics
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.solver.diagnosis import Diagnosis, diagnose, proven_penalty
-from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.stepping.program import program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import StepFailedError, UnsoundSheetError

@@ -13,7 +13,7 @@ from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.globalisation import LineSearch
-from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 CUBIC = Numerics(3)

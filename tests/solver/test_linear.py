@@ -12,7 +12,7 @@ from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.solver.linear import LinearSolver, TangentReuse, create_direct
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step

@@ -15,8 +15,7 @@ from wovenfab.model.model import Numerics
 from wovenfab.solver.globalisation import Convergence
 from wovenfab.solver.linear import LEFT, LONGEST_WAIT, TangentReuse
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.options import SolverOptions
-from wovenfab.solver.problem import TANGENT
+from wovenfab.solver.problem import TANGENT, SolverOptions
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.step import Step
 

@@ -13,7 +13,7 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 from wovenfab.stepping.stability import leave_saddle, softest_mode
 

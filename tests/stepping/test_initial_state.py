@@ -12,10 +12,9 @@ from mpi4py import MPI
 
 from forms.catalogue import effects
 from tests import scenes
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
-from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.options import SolverOptions
+from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import StartFailedError, Step

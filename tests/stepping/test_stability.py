@@ -12,7 +12,7 @@ import pytest
 from tests import scenes
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLostError, Treatment

@@ -13,7 +13,7 @@ from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver import problem as solver_module
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolveResult, SolverOptions
+from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step, StepFailedError

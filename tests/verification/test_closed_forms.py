@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.integrate import quad, solve_ivp
 
 from tests import scenes
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
-from wovenfab.model.model import Model, Numerics
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import cycle, program_of, ramp
 

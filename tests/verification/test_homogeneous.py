@@ -11,7 +11,7 @@ from dolfinx import fem
 from tests import scenes
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 
 LENGTH, WIDTH = 0.9, 0.3
 ALONG = (0.0, pi / 2)

@@ -7,7 +7,7 @@ import pytest
 
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.step import Step
 

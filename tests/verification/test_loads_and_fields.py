@@ -10,10 +10,9 @@ import ufl
 
 from forms.catalogue import effects
 from tests import scenes
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
-from wovenfab.model.model import Model, Numerics
-from wovenfab.solver.options import SolverOptions
+from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.solver.problem import SolverOptions
 
 STIFFNESS, LENGTH, WIDTH = 1e4, 0.9, 0.3
 STRETCHED = {"stretch": {"stiffness": (STIFFNESS, STIFFNESS)}, "shear": {"stiffness": 400.0}}

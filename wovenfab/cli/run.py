@@ -57,7 +57,7 @@ def run_case(
             log.configure(verbosity, log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
             _start_petsc(petsc)
-            from wovenfab.interface import Listener, execute  # loads dolfinx
+            from wovenfab.interface import Listener, execute
 
             watch.seconds["import"] = time.perf_counter() - started
             if not _blas_is_fast():

@@ -29,13 +29,12 @@ from wovenfab.case import (
     conditions_of,
     custom_effect_errors,
 )
-from wovenfab.model.build import build_model
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
-from wovenfab.model.model import Model, Numerics, Value
+from wovenfab.model.model import Model, Numerics, Value, build_model
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.outline import rectangle_outline
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions, rectangle
-from wovenfab.solver.options import SolverOptions
+from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
 

@@ -22,8 +22,7 @@ from wovenfab.simulation.from_case import (
 )
 from wovenfab.simulation.progress import Stopwatch
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolverOptions
-from wovenfab.solver.problem import Problem
+from wovenfab.solver.problem import Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.stepping.step_size import StepSizeControl

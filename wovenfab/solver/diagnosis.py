@@ -16,7 +16,7 @@ from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.linear import COUNT_NULL, NEGATIVE, NULL, create_direct
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.problem import SolveResult
 
 Array = NDArray[np.float64]
 #: Sine of the angle between the families below which a sheet counts as locked (6°).

@@ -13,13 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.build import with_point_friction
-from wovenfab.model.model import Model
+from wovenfab.model.model import Model, with_point_friction
 from wovenfab.solver.globalisation import CrossingLimit
 from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.options import PetscOptions, SolveResult, SolverOptions
-from wovenfab.solver.problem import Problem
+from wovenfab.solver.problem import PetscOptions, Problem, SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 if TYPE_CHECKING:

@@ -29,8 +29,7 @@ from wovenfab.solver.globalisation import (
     largest_cell,
 )
 from wovenfab.solver.linear import LinearSolver, TangentReuse, relative_distance
-from wovenfab.solver.options import SolverOptions
-from wovenfab.solver.problem import Problem
+from wovenfab.solver.problem import Problem, SolverOptions
 from wovenfab.solver.tangent_spectrum import UNSEEN, TangentSpectrum, start_vector
 
 logger = logging.getLogger(__name__)

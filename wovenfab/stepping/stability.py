@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.globalisation import CROSSING_SHARE
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.problem import SolveResult
 from wovenfab.solver.tangent_spectrum import bounding_box
 
 #: Largest displacement with which a saddle is left, over the size of the sheet.

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.schemes import Scheme, end_weights, extrapolation
 from wovenfab.stepping.step import StartFailedError

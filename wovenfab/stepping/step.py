@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Milestone
 from wovenfab.stepping.stability import StabilityLoss
 

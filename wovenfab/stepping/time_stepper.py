@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.options import SolveResult
+from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.schemes import Scheme
