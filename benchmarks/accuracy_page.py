@@ -13,7 +13,7 @@ from pathlib import Path
 
 import typer
 
-from wovenfab.cli.accuracy import study_accuracy
+from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.results import COMMAND
 
 ROOT = Path(__file__).parents[1]

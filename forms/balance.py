@@ -1,4 +1,4 @@
-"""The balance of a sheet, eq. (12): a sum of effects, varied.
+"""The balance of a sheet, eq. (12): a sum of effects, varied; and the interior penalty.
 
 A time step minimises the incremental potential W(chi) + R(rate)/c with the rate
 c chi + (known history), where c is 1/dt for backward Euler. Stored energies and
@@ -15,7 +15,6 @@ from typing import Any
 import ufl
 
 from forms.effect import Effect, Strain, Term, Values
-from forms.interior_penalty import edge_penalty, facet_penalty
 from forms.kinematics import (
     Edge,
     Facet,
@@ -30,6 +29,35 @@ from forms.kinematics import (
     point_variation,
 )
 from forms.variation import first_variation, second_variation, strain_variation
+
+#: Safety over the smallest penalty for which the linear problem is proven stable.
+SAFETY = 2.0
+
+
+def facet_penalty(mesh: Any, degree: int, factor: Any | None = None) -> Any:
+    """Return sigma/h (1/m) on interior facets of triangles.
+
+    Without ``factor`` it is the local value from the trace inequality, sharp for
+    every degree p: 3 a p(p-1)/8 h_F (1/|T+| + 1/|T-|), a > 1 (Bringmann, Carstensen,
+    Streitberger 2023).
+
+    Args:
+        mesh: UFL domain or mesh.
+        degree: Degree p of the elements.
+        factor: sigma of a penalty sigma/h with h the mean of |T|/|F|, to override it.
+    """
+    length = ufl.FacetArea(mesh)("+")  # the same from both sides
+    volume = ufl.CellVolume(mesh)
+    if factor is not None:
+        return factor * length / ufl.avg(volume)
+    trace = 3 * SAFETY * degree * (degree - 1) / 8
+    return trace * length * (1 / volume("+") + 1 / volume("-"))
+
+
+def edge_penalty(mesh: Any, degree: int, factor: Any | None = None) -> Any:
+    """Return sigma/h (1/m) on boundary facets: 3 a p(p-1)/2 h_F/|T|, or with ``factor``."""
+    inverse = ufl.FacetArea(mesh) / ufl.CellVolume(mesh)
+    return (3 * SAFETY * degree * (degree - 1) / 2 if factor is None else factor) * inverse
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from wovenfab.model.compiler import compile_form
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
-from wovenfab.sheet.outline import Outline, Ring, rectangle_outline
-from wovenfab.sheet.sheet import Sheet, directions
+from wovenfab.sheet.sheet import Outline, Ring, Sheet, directions, rectangle_outline
 
 #: Edges that are held.
 HOLDS = {"left": "clamp", "right": "clamp"}

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from tests import scenes
 from tests.outlines import aligned
 from wovenfab.model.model import Numerics
-from wovenfab.sheet.outline import rectangle_outline
-from wovenfab.sheet.sheet import Sheet
+from wovenfab.sheet.sheet import Sheet, rectangle_outline
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """``python -m wovenfab`` is the ``wovenfab`` command."""
 
-from wovenfab.cli import main
+from wovenfab.cli.app import main
 
 if __name__ == "__main__":
     main()

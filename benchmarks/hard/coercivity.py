@@ -10,7 +10,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from forms.interior_penalty import facet_penalty
+from forms.balance import facet_penalty
 from forms.kinematics import along, curvature_vector, displacements, tangent, twice_along
 from wovenfab.model.compiler import compile_form
 from wovenfab.model.model import Model

@@ -9,7 +9,7 @@ import shapely
 from tests.outlines import EDGES, HOLDS, SHAPES, aligned, fibres_at, lines_and_mesh, tee, with_hole
 from wovenfab.sheet.aligned import singular_points
 from wovenfab.sheet.fibre_mesh import across, divided, evenly, fibre_mesh, quality, special_lines
-from wovenfab.sheet.outline import Outline, outline_of
+from wovenfab.sheet.sheet import Outline, outline_of
 
 ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 

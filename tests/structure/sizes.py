@@ -15,7 +15,7 @@ COUNTING = """\
 import atexit, sys
 ours = lambda: [m for n, m in sys.modules.items() if n.partition(".")[0] in ("forms", "wovenfab")]
 atexit.register(lambda: print("files:", sum(bool(getattr(m, "__file__", None)) for m in ours())))
-from wovenfab.cli import main
+from wovenfab.cli.app import main
 sys.argv[0] = "wovenfab"
 main()
 """

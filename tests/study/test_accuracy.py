@@ -16,7 +16,7 @@ from benchmarks.accuracy_page import ROOT, STUDIES, Shown
 from tests import scenes
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
 from wovenfab.case import CaseError, read_case
-from wovenfab.cli.accuracy import study_accuracy
+from wovenfab.cli.studies import study_accuracy
 from wovenfab.study.accuracy.errors import Refinement, best_of, order_of, own_error
 from wovenfab.study.accuracy.measure import (
     DISSIPATED,

@@ -11,8 +11,7 @@ from mpi4py import MPI
 from benchmarks.probe import CASE, sample
 from wovenfab.case import read_case
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.peak_force import interpolated_peak_force, peak_force_bound
-from wovenfab.simulation.response import response_of
+from wovenfab.simulation.response import interpolated_peak_force, peak_force_bound, response_of
 from wovenfab.study.accuracy.measure import measure
 
 Largest = Callable[[np.ndarray, np.ndarray], float]

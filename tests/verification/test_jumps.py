@@ -14,7 +14,7 @@ from tests.samples import SAMPLES
 from wovenfab.model.model import Numerics
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.fibre_mesh import across
-from wovenfab.sheet.outline import Outline
+from wovenfab.sheet.sheet import Outline
 
 #: Its yarns run at 45 degrees.
 SHEET = SAMPLES["1:3"]

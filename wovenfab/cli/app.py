@@ -152,7 +152,7 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 
     Table and chart go into results/<name of the case>-effects.
     """
-    from wovenfab.cli.effects import study_effects
+    from wovenfab.cli.studies import study_effects
 
     sys.exit(study_effects(case, output, overrides or []))
 
@@ -174,7 +174,7 @@ def accuracy(
     Each run is a process of its own and is kept: repeat the command to go on
     after an interruption, or with more minutes to know more.
     """
-    from wovenfab.cli.accuracy import study_accuracy
+    from wovenfab.cli.studies import study_accuracy
 
     sys.exit(study_accuracy(case, output, overrides or [], minutes))
 

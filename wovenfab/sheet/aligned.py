@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from wovenfab.compat import cell_partitioner
 from wovenfab.parallel import from_root
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
-from wovenfab.sheet.outline import CORNER, Outline, changes
-from wovenfab.sheet.sheet import Sheet
+from wovenfab.sheet.sheet import CORNER, Outline, Sheet, changes
 
 if TYPE_CHECKING:
     from wovenfab.sheet.grading import Grading

@@ -25,7 +25,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from wovenfab.sheet.outline import CORNER, Outline, Ring, changes
+from wovenfab.sheet.sheet import CORNER, Outline, Ring, changes
 
 Array = NDArray[np.float64]
 #: Positions closer than this share of the extent are the same.

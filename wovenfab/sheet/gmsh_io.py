@@ -15,8 +15,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.compat import mesh_from_gmsh
-from wovenfab.sheet.outline import Outline, outline_of
-from wovenfab.sheet.sheet import GeometryError
+from wovenfab.sheet.sheet import GeometryError, Outline, outline_of
 
 #: Segments that a full circle of the outline is divided in, at least.
 SEGMENTS = 48

@@ -1,11 +1,17 @@
-"""The sheet: a triangle mesh with named edges and two fibre directions; structured rectangles."""
+"""The sheet: a triangle mesh with named edges and two fibre directions; structured rectangles.
+
+An outline has closed rings of straight segments, each on a named edge or on none.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import ceil, cos, sin
 
 import numpy as np
+import shapely
 from dolfinx.mesh import (
     DiagonalType,
     GhostMode,
@@ -17,6 +23,124 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Triangles = NDArray[np.int64]
+#: Turn (rad) above which a vertex is a corner; below, it is one of a curve's many.
+CORNER = np.radians(20)
+#: Turn (rad) below which two segments are one.
+STRAIGHT = 1e-7
+
+
+@dataclass(frozen=True)
+class Ring:
+    """A closed ring with the sheet on its left: the outside runs counter-clockwise.
+
+    Attributes:
+        points: Vertices, shape (n, 2), m.
+        names: Edge of the segment from each vertex to the next; None where it has no name.
+    """
+
+    points: Array
+    names: tuple[str | None, ...]
+
+    @cached_property
+    def turns(self) -> Array:
+        """Change of direction (rad) at each vertex; negative at re-entrant ones."""
+        ahead = np.roll(self.points, -1, axis=0) - self.points
+        back = np.roll(ahead, 1, axis=0)
+        cross = back[:, 0] * ahead[:, 1] - back[:, 1] * ahead[:, 0]
+        return np.asarray(np.arctan2(cross, (back * ahead).sum(axis=1)))
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Outside and holes of a sheet."""
+
+    rings: tuple[Ring, ...]
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        """The same region as a polygon of shapely."""
+        outside, *holes = (ring.points for ring in self.rings)
+        return shapely.Polygon(outside, holes)
+
+    @cached_property
+    def extent(self) -> float:
+        """Largest absolute coordinate, m, which sets the rounding of positions."""
+        return float(max(np.abs(ring.points).max() for ring in self.rings))
+
+    def segments(self) -> list[tuple[Array, Array, str | None]]:
+        """Return start, end and edge of every segment."""
+        return [
+            (ring.points[i], ring.points[(i + 1) % len(ring.names)], name)
+            for ring in self.rings
+            for i, name in enumerate(ring.names)
+        ]
+
+
+def rectangle_outline(length: float, width: float) -> Outline:
+    """Return the outline of a rectangle with its lower left corner at the origin."""
+    points = np.array([(0.0, 0.0), (length, 0.0), (length, width), (0.0, width)])
+    return Outline((Ring(points, ("bottom", "right", "top", "left")),))
+
+
+def outline_of(
+    points: Array, triangles: Triangles, named: Mapping[str, NDArray[np.int64]]
+) -> Outline:
+    """Return the outline of a mesh.
+
+    Args:
+        points: Vertices, shape (n, 2), m.
+        triangles: Corners of the cells, shape (m, 3).
+        named: Pairs of vertices of the segments on each named edge, shape (n, 2).
+    """
+    names = {frozenset(map(int, pair)): name for name, pairs in named.items() for pair in pairs}
+    signed = points[triangles]
+    one, two = signed[:, 1] - signed[:, 0], signed[:, 2] - signed[:, 0]
+    cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    turned = np.where((cross > 0)[:, None], triangles, triangles[:, ::-1])
+    sides = {(int(t[i]), int(t[(i + 1) % 3])) for t in turned for i in range(3)}
+    following = {a: b for a, b in sides if (b, a) not in sides}
+    rings = []
+    while following:
+        start, way = next(iter(following.items()))
+        chain = [start]
+        del following[start]
+        while way != start:
+            chain.append(way)
+            way = following.pop(way)
+        labels = [
+            names.get(frozenset((a, b))) for a, b in zip(chain, [*chain[1:], chain[0]], strict=True)
+        ]
+        rings.append(_straightened(Ring(points[chain], tuple(labels))))
+    return Outline(tuple(sorted(rings, key=_area, reverse=True)))
+
+
+def _straightened(ring: Ring) -> Ring:
+    """Return the ring without vertices inside straight stretches of one edge."""
+    before = np.roll(np.array(ring.names, dtype=object), 1)
+    keep = (np.abs(ring.turns) > STRAIGHT) | (before != np.array(ring.names, dtype=object))
+    names = [name for name, kept in zip(ring.names, keep, strict=True) if kept]
+    return Ring(ring.points[keep], tuple(names))
+
+
+def _area(ring: Ring) -> float:
+    """Return the signed area (m²): positive for the outside, negative for holes."""
+    x, y = ring.points.T
+    return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
+
+
+def changes(ring: Ring, holds: Mapping[str, object]) -> Iterable[int]:
+    """Return the vertices where a family stops being held as before.
+
+    Args:
+        ring: A ring of the outline.
+        holds: How each edge holds the family; edges that are missing leave it free.
+    """
+    states = [holds.get(name) if name is not None else None for name in ring.names]
+    return [i for i in range(len(states)) if states[i] != states[i - 1]]
+
 
 PATTERNS = {"crossed": DiagonalType.crossed, "right": DiagonalType.right}
 

@@ -32,8 +32,7 @@ from wovenfab.case import (
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value, build_model
 from wovenfab.sheet.aligned import aligned_sheet
-from wovenfab.sheet.outline import rectangle_outline
-from wovenfab.sheet.sheet import GeometryError, Sheet, directions, rectangle
+from wovenfab.sheet.sheet import GeometryError, Sheet, directions, rectangle, rectangle_outline
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme

@@ -24,8 +24,8 @@ from wovenfab.case import Case, read_case
 from wovenfab.model.compiler import cache_folder, compile_form
 from wovenfab.model.model import Model
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.peak_force import interpolated_peak_force
 from wovenfab.simulation.progress import peak_memory
+from wovenfab.simulation.response import interpolated_peak_force
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
 from wovenfab.study.accuracy.settings import Setting

@@ -1,4 +1,4 @@
-"""``wovenfab accuracy``."""
+"""``wovenfab accuracy`` and ``wovenfab effects``."""
 
 from __future__ import annotations
 
@@ -7,12 +7,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wovenfab.case import CaseError, read_case
-from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, duration, is_launched
+from wovenfab.cli.console import (
+    BAD_INPUT,
+    FAILED_STEP,
+    INTERRUPTED,
+    Console,
+    duration,
+    is_first_rank,
+    is_launched,
+)
 from wovenfab.simulation.progress import Progress
 
 if TYPE_CHECKING:
     from wovenfab.study.accuracy.settings import Setting
     from wovenfab.study.accuracy.study import Run, Study
+
 
 #: Folder of the results of single runs.
 RUNS = "runs"
@@ -92,3 +101,23 @@ class _Monitor:
             f"{setting.stage}: {setting.label}: {m.unknowns} unknowns, {m.steps} steps, "
             f"{m.wall:.1f} s{compiled}, {values}; {left}"
         )
+
+
+def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> int:
+    """Measure the scene with all effects, without each and with each alone; collective."""
+    case = read_case(path, overrides)
+    from mpi4py import MPI
+
+    from wovenfab.report.study_pictures import draw_costs
+    from wovenfab.study.effects import line, printed, study, write_table
+
+    console = Console()
+    rows = study(case, MPI.COMM_WORLD, lambda row: console.say(line(row)))
+    if is_first_rank():
+        directory = output or Path("results") / f"{case.name}-effects"
+        directory.mkdir(parents=True, exist_ok=True)
+        write_table(rows, directory / "effects.csv")
+        (directory / "effects.md").write_text(printed(rows), encoding="utf-8")
+        draw_costs(rows, directory / "effects.png")
+        console.say(f"\n{printed(rows)}\ntable and chart: {directory}")
+    return 0

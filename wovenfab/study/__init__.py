@@ -1,1 +1,0 @@
-"""Studies: the same case many times over, with one thing changed."""

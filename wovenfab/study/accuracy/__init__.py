@@ -1,1 +1,0 @@
-"""Work and precision: the cost of accuracy, by runs that vary mesh, degree, steps and scheme."""
