@@ -217,6 +217,11 @@ def pull(of: Model, displacement: float) -> float:
     return force(of, PULL, displacement)["right"][0]
 
 
+def forces(steps: Sequence[Step]) -> NDArray[np.float64]:
+    """Return the force (N) on the right grip of each step."""
+    return np.array([s.reactions["right"][0] for s in steps])
+
+
 def stored(step: Step) -> float:
     """Return the stored energy (J) of a step."""
     return sum(step.stored.values())
