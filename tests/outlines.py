@@ -15,6 +15,8 @@ from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
 from wovenfab.sheet.sheet import Outline, Ring, Sheet, directions, rectangle_outline
 
+#: Of both families, degrees.
+Angles = tuple[float, float]
 #: Edges that are held.
 HOLDS = {"left": "clamp", "right": "clamp"}
 #: Of the rectangle 0.9 m long and 0.3 m wide: normal axis, place and length of each edge.
@@ -50,7 +52,7 @@ SHAPES = {
 }
 
 
-def fibres_at(angles: tuple[float, float]) -> NDArray[np.float64]:
+def fibres_at(angles: Angles) -> NDArray[np.float64]:
     """Return the unit vectors along fibres at angles (degrees)."""
     first, second = np.radians(angles)
     return directions((float(first), float(second)))
@@ -58,7 +60,7 @@ def fibres_at(angles: tuple[float, float]) -> NDArray[np.float64]:
 
 def aligned(
     outline: Outline,
-    angles: tuple[float, float],
+    angles: Angles,
     mesh_size: float,
     comm: MPI.Comm = MPI.COMM_SELF,
     **options: float | bool | None,

@@ -31,11 +31,8 @@ class Sample:
         if self.yarns is None:
             return scenes.TABLE_1
         stretch, bending = self.yarns
-        return {
-            **scenes.TABLE_1,
-            "stretch": {"stiffness": (stretch, stretch)},
-            "bending": {"stiffness": (bending, bending)},
-        }
+        changed = {"stretch": stretch, "bending": bending}
+        return scenes.TABLE_1 | {name: {"stiffness": (k, k)} for name, k in changed.items()}
 
     def sheet(self, mesh_size: float, steep: bool = False, jumps: bool = True) -> Sheet:
         """Return it with a mesh along its fibres: graded where one placement is steep, or not."""

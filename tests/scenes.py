@@ -174,16 +174,16 @@ class Run:
 def run(
     of: Model,
     program: Program,
-    controls: SolverOptions | None = None,
+    options: SolverOptions | None = None,
     smallest_step: float = 1 / 64,
     scheme: str = "backward-euler",
     grips: Sequence[Grip] = PULL,
-    **options: Any,
+    **stepping: Any,
 ) -> Run:
     """Run a program from rest to its end or failure; the model's field is left there."""
     of.field.x.array[:] = 0
-    equilibrium = solver(of, grips, controls)
-    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step, **options)
+    equilibrium = solver(of, grips, options)
+    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step, **stepping)
     result = Run([], [], None)
     try:
         for step in stepper.steps():
@@ -205,13 +205,18 @@ def push(
     seed: int = 0,
 ) -> Run:
     """Run a program that may lose stability."""
-    controls = SolverOptions(descend=treatment == "follow", seed=seed)
-    return run(of, program, controls, smallest_step, scheme, grips, treatment=treatment)
+    options = SolverOptions(descend=treatment == "follow", seed=seed)
+    return run(of, program, options, smallest_step, scheme, grips, treatment=treatment)
 
 
 def pull(of: Model, displacement: float) -> float:
     """Return the force (N) at the right grip after one elastic step from rest."""
     return force(of, PULL, displacement)["right"][0]
+
+
+def forces(steps: Sequence[Step]) -> NDArray[np.float64]:
+    """Return the force (N) on the right grip of each step."""
+    return np.array([s.reactions["right"][0] for s in steps])
 
 
 def stored(step: Step) -> float:

@@ -27,16 +27,16 @@ THERE_AND_BACK = "[{to: 20 mm, RAMP}, {to: 0 mm, RAMP}]".replace(
 
 
 def answer(case: Case, comm: MPI.Comm) -> tuple[Plan, Response, list[str]]:
-    """Return what the pilot finds, the run with it and what was said on the way."""
-    said: list[str] = []
-    found = plan(case, lambda c: sheet_of(c, comm), said.append)
-    return found, response_of(found.case, found.sheet), said
+    """Return the plan, the run with it and the messages on the way."""
+    messages: list[str] = []
+    planned = plan(case, lambda c: sheet_of(c, comm), messages.append)
+    return planned, response_of(planned.case, planned.sheet), messages
 
 
-def relative(found: Plan) -> dict[str, float]:
-    assert found.estimate is not None
-    time = found.estimate.time or {}
-    return found.estimate.space | {f"{name} of steps": e for name, e in time.items()}
+def relative(planned: Plan) -> dict[str, float]:
+    assert planned.estimate is not None
+    time = planned.estimate.time or {}
+    return planned.estimate.space | {f"{name} of steps": e for name, e in time.items()}
 
 
 @pytest.mark.parametrize(
@@ -46,23 +46,23 @@ def relative(found: Plan) -> dict[str, float]:
         pytest.param("bias-1x3", THERE_AND_BACK, "10 %", marks=pytest.mark.slow),
     ],
 )
-def test_a_wanted_accuracy_is_reached_by_the_same_means(
+def test_a_target_accuracy_is_reached_by_the_same_means(
     name: str, program: str, accuracy: str, tmp_path: Path
 ) -> None:
     overrides = f"accuracy={accuracy}", "discretisation=null", "time=null", f"program={program}"
     case = read_case(CONFIGS / f"{name}.yaml", overrides)
-    together, trace, said = answer(case, COMM)
-    alone, expected, said_alone = answer(case, ALONE)
-    assert said == said_alone
+    together, trace, messages = answer(case, COMM)
+    alone, expected, messages_alone = answer(case, ALONE)
+    assert messages == messages_alone
     assert together.shortfall == alone.shortfall == ""
     assert together.case == alone.case
     assert trace.model.unknowns == expected.model.unknowns
     assert trace.result == expected.result
     assert trace.figures == pytest.approx(expected.figures, rel=SAME)
     assert trace.forces == pytest.approx(expected.forces, abs=SAME * abs(expected.forces).max())
-    told, right = relative(together), relative(alone)
-    assert told == pytest.approx(right, abs=ALIKE)
-    assert COMM.allgather((said, told)) == [(said, told)] * COMM.size
+    errors = relative(together)
+    assert errors == pytest.approx(relative(alone), abs=ALIKE)
+    assert COMM.allgather((messages, errors)) == [(messages, errors)] * COMM.size
 
     shared = Path(COMM.bcast(str(tmp_path)))
     assert together.estimate is not None and alone.estimate is not None
@@ -74,10 +74,6 @@ def test_a_wanted_accuracy_is_reached_by_the_same_means(
         whole = history[column.replace("_error_of_elements", "")]
         written = np.array([float(row[column]) for row in rows])
         assert np.abs(written - values).max() <= ALIKE * np.abs(whole).max(), column
-    maps = [
-        error_shares(*found.estimate.models)
-        for found in (together, alone)
-        if found.estimate is not None
-    ]
-    gathered = np.concatenate(COMM.allgather(maps[0]))
-    assert np.sort(gathered) == pytest.approx(np.sort(maps[1]), abs=SAME)
+    own, whole = (error_shares(*p.estimate.models) for p in (together, alone))
+    gathered = np.concatenate(COMM.allgather(own))
+    assert np.sort(gathered) == pytest.approx(np.sort(whole), abs=SAME)

@@ -1,4 +1,4 @@
-"""Factors tell on several ranks what they tell on one."""
+"""Factors have on several ranks the inertia that they have on one."""
 
 from __future__ import annotations
 

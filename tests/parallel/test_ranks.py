@@ -28,16 +28,15 @@ from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import problem as solver_module
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLoss
 from wovenfab.stepping.step import Step, StepFailedError
-from wovenfab.stepping.time_stepper import TimeStepper
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
 MESHES, CONFIGS = (Path(__file__).parents[2] / folder for folder in ("meshes", "configs"))
 SLIDING = (*scenes.COUPLED, "slip_friction")
 ONE_CYCLE = program_of(cycle(0.0, 0.04, 0.25, 8))
+Place = Callable[[MPI.Comm], Sheet]
 
 
 def structured(comm: MPI.Comm) -> Sheet:
@@ -67,7 +66,7 @@ def numbers(steps: list[Step]) -> list[dict[str, float]]:
 
 
 def compare(
-    place: Callable[[MPI.Comm], Sheet],
+    place: Place,
     names: tuple[str, ...],
     numerics: Numerics,
     program: Program,
@@ -75,27 +74,25 @@ def compare(
     values: Mapping[str, Any] = scenes.TABLE_1,
     options: SolverOptions | None = None,
 ) -> None:
-    """Assert that all ranks together and each alone march through the same states."""
+    """Assert that all ranks together and each alone run through the same states."""
     models = [scenes.model(place(comm), names, numerics, values) for comm in (COMM, ALONE)]
     assert models[0].unknowns == models[1].unknowns
     together, alone = (scenes.march(m, program, scheme, options=options) for m in models)
     assert [s.iterations for s in together] == [s.iterations for s in alone]
     assert [s.time for s in together] == [s.time for s in alone]
     peak = max(abs(f) for s in alone for f in s.reactions["right"])
-    energy = max(sum(s.stored.values()) for s in alone)
-    for found, expected in zip(numbers(together), numbers(alone), strict=True):
-        assert found.keys() == expected.keys()
+    energy = max(scenes.stored(s) for s in alone)
+    for shared, expected in zip(numbers(together), numbers(alone), strict=True):
+        assert shared.keys() == expected.keys()
         for key, value in expected.items():
             scale = peak if key[-1] in "01" else energy
-            assert found[key] == pytest.approx(value, rel=1e-8, abs=1e-8 * scale), key
+            assert shared[key] == pytest.approx(value, rel=1e-8, abs=1e-8 * scale), key
     assert COMM.allgather(numbers(together)) == [numbers(together)] * COMM.size
     assert energy > 0 and peak > 100
 
 
 @pytest.mark.parametrize("place", [structured, graded, dogbone])
-def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(
-    place: Callable[[MPI.Comm], Sheet],
-) -> None:
+def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(place: Place) -> None:
     program = program_of([ramp(0.0, 0.04, 1.0, 4)])
     compare(place, scenes.BONDED, scenes.PROTOTYPE, program, "backward-euler")
 
@@ -131,13 +128,11 @@ def test_displacements_by_a_formula_are_attained_on_every_rank() -> None:
         assert not simulation.solver.problem.constraints.unmet(simulation.model.field)
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
-def test_two_placements_with_slip_friction_have_the_same_loop(scheme: str) -> None:
-    compare(structured, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, scheme)
-
-
-def test_two_placements_on_a_gmsh_mesh_have_the_same_loop() -> None:
-    compare(graded, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, "bdf2")
+@pytest.mark.parametrize(
+    ("place", "scheme"), [(structured, "bdf2"), (structured, "midpoint"), (graded, "bdf2")]
+)
+def test_two_placements_with_slip_friction_have_the_same_loop(place: Place, scheme: str) -> None:
+    compare(place, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, scheme)
 
 
 @pytest.mark.parametrize(
@@ -148,23 +143,22 @@ def test_two_placements_on_a_gmsh_mesh_have_the_same_loop() -> None:
         ("slip_friction:smooth", 1e4, 1e6),
     ],
 )
-def test_friction_with_its_stress_at_points_has_the_same_loop(
-    kind: str, strength: float, slope: float
-) -> None:
+def test_friction_at_points_has_the_same_loop(kind: str, strength: float, slope: float) -> None:
     """The last one begins with its stress as a function of the rate, which is too sharp."""
     values = {**scenes.TABLE_1, kind[:13]: {"strength": strength, "slope": slope}}
-    names = (*scenes.COUPLED, kind)
-    cycle_of_four = program_of(cycle(0.0, 0.04, 0.25, 4))
-    numerics = scenes.PROTOTYPE_TWO_STEPS
-    compare(lambda comm: scenes.sheet(comm=comm), names, numerics, cycle_of_four, "bdf2", values)
+    names, numerics = (*scenes.COUPLED, kind), scenes.PROTOTYPE_TWO_STEPS
+    program = program_of(cycle(0.0, 0.04, 0.25, 4))
+    compare(lambda comm: scenes.sheet(comm=comm), names, numerics, program, "bdf2", values)
 
 
-def wavy(model: Model) -> None:
-    """Set a smooth, strongly deformed state that does not depend on the numbering."""
+def wavy_sheet(comm: MPI.Comm, names: tuple[str, ...] = scenes.BONDED) -> Model:
+    """Return a smooth, strongly deformed sheet; its state does not depend on the numbering."""
+    model = scenes.model(structured(comm), names, scenes.PROTOTYPE)
     scenes.set_field(
         model.field,
         lambda x: np.array([0.03 * np.sin(9 * x[0] + 5 * x[1]), 0.02 * np.cos(7 * x[0] * x[1])]),
     )
+    return model
 
 
 def own_force(model: Model) -> np.ndarray:
@@ -178,30 +172,25 @@ def own_force(model: Model) -> np.ndarray:
 
 @pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
 def test_the_assembled_force_is_the_same_at_every_place(names: tuple[str, ...]) -> None:
-    found = []
+    states = []
     for comm in (COMM, ALONE):
-        model = scenes.model(structured(comm), names, scenes.PROTOTYPE)
-        wavy(model)
+        model = wavy_sheet(comm, names)
         force = own_force(model).reshape(-1, 2)
         places = model.placements.positions[: len(force)]
         if comm.size > 1:
             force = np.concatenate(comm.allgather(force))
             places = np.concatenate(comm.allgather(places))
         order = np.lexsort(np.round(places, 9).T)
-        found.append((places[order], force[order], scenes.energy(model)))
-    (places, force, energy), (expected_places, expected, alone) = found
+        states.append((places[order], force[order], scenes.energy(model)))
+    (places, force, energy), (expected_places, expected, alone) = states
     assert places == pytest.approx(expected_places, abs=1e-12)
     assert force == pytest.approx(expected, rel=1e-9, abs=1e-12 * np.abs(expected).max())
     assert energy == pytest.approx(alone, rel=1e-12)
 
 
-def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_swapping_the_sides_of_facets_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranks may see the sides of a shared facet in different order."""
-    model = scenes.model(structured(COMM), scenes.BONDED, scenes.PROTOTYPE)
-    wavy(model)
-    as_built, whole = own_force(model), Balance.lines
+    as_built, whole = own_force(wavy_sheet(COMM)), Balance.lines
 
     def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
         return [f_minus, f_plus, g_minus, g_plus]
@@ -215,24 +204,17 @@ def test_swapping_the_sides_of_every_facet_changes_nothing_on_any_rank(
         return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self, *of)]
 
     monkeypatch.setattr(Balance, "lines", swapped)
-    model = scenes.model(structured(COMM), scenes.BONDED, scenes.PROTOTYPE)
-    wavy(model)
-    other = own_force(model)
+    other = own_force(wavy_sheet(COMM))
     assert other == pytest.approx(as_built, rel=1e-9, abs=1e-12 * np.abs(as_built).max())
 
 
 def failed(program: Program, options: SolverOptions) -> tuple[int, str, bool]:
     """Return accepted steps, the failure's message and whether the field was restored."""
     model = scenes.model(scenes.sheet(0.6, mesh_size=0.075), scenes.BONDED, scenes.PROTOTYPE)
-    equilibrium = scenes.solver(model, options=options)
-    march = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], 0.4)
-    accepted, last = 0, np.zeros(0)
-    with pytest.raises(StepFailedError) as failure:
-        for _ in march.steps():
-            accepted += 1
-            last = model.field.x.array.copy()
-    equilibrium.destroy()
-    return accepted, str(failure.value), bool((model.field.x.array == last).all())
+    run = scenes.run(model, program, options, 0.4)
+    assert isinstance(run.failure, StepFailedError)
+    restored = bool((model.field.x.array == run.fields[-1]).all())
+    return len(run.steps), str(run.failure), restored
 
 
 def test_a_failure_at_the_barrier_reaches_every_rank_alike() -> None:
@@ -298,16 +280,12 @@ def buckled(comm: MPI.Comm) -> tuple[StabilityLoss, Step, float]:
     """Return the loss, the last step on the branch, and the deflection there."""
     on = scenes.sheet(fibres=scenes.ALONG, comm=comm)
     model = scenes.model(on, scenes.BONDED, scenes.PROTOTYPE)
-    equilibrium = scenes.solver(model, scenes.PUSH, SolverOptions(descend=True))
-    program = program_of([ramp(0.0, 2e-4, 1.0, 1)])
-    scheme = SCHEMES["backward-euler"]
-    march = TimeStepper(equilibrium, program, scheme, 1 / 1024, "follow")
-    steps = list(march.steps())
-    equilibrium.destroy()
-    (loss,) = [s.loss for s in steps if s.loss]
+    run = scenes.push(model, program_of([ramp(0.0, 2e-4, 1.0, 1)]), "follow")
+    assert run.failure is None
+    (loss,) = [s.loss for s in run.steps if s.loss]
     across = model.field.x.array[1::2]
     sides = comm.allgather((float(across.min()), float(across.max())))
-    return loss, steps[-1], max((a for pair in sides for a in pair), key=abs)
+    return loss, run.steps[-1], max((a for pair in sides for a in pair), key=abs)
 
 
 def test_all_ranks_together_find_the_critical_load_and_the_branch_of_one() -> None:

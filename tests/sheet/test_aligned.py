@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.outlines import EDGES, HOLDS, SHAPES, aligned, fibres_at, lines_and_mesh, tee, with_hole
+from tests.outlines import (
+    EDGES,
+    HOLDS,
+    SHAPES,
+    Angles,
+    aligned,
+    fibres_at,
+    lines_and_mesh,
+    tee,
+    with_hole,
+)
 from wovenfab.sheet.aligned import singular_points
 from wovenfab.sheet.fibre_mesh import across, divided, evenly, fibre_mesh, quality, special_lines
 from wovenfab.sheet.sheet import Outline, outline_of
@@ -16,9 +26,7 @@ ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 
 @pytest.mark.parametrize("angles", ANGLES, ids=str)
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
-def test_cells_fill_the_sheet_and_none_crosses_a_line(
-    shape: Outline, angles: tuple[float, float]
-) -> None:
+def test_cells_fill_the_sheet_between_the_lines(shape: Outline, angles: Angles) -> None:
     fibres = fibres_at(angles)
     _, offsets, (points, cells) = lines_and_mesh(shape, fibres, 0.06)
     corners = points[cells]

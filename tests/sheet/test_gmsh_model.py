@@ -28,7 +28,7 @@ def shipped(name: str | Path, mesh_size: float | None = None) -> Sheet:
     ("name", "lengths", "slack"),
     [("rectangle.geo", LENGTHS, 1e-12), ("dogbone.geo", DOGBONE, 0.01)],
 )
-def test_shipped_geometries_have_their_named_edges_all_around(
+def test_shipped_geometries_have_named_edges(
     name: str, lengths: dict[str, float], slack: float
 ) -> None:
     on = shipped(name)
@@ -121,9 +121,7 @@ def test_a_geometry_without_physical_groups_is_refused_with_its_remedy(
                      'Physical Surface("s") = {1};\nPhysical Curve("left") = {1};\n'),
     ],
 )  # fmt: skip
-def test_a_file_that_gmsh_cannot_mesh_is_refused_by_name(
-    name: str, text: str | None, tmp_path: Path
-) -> None:
+def test_an_unusable_file_is_refused_by_name(name: str, text: str | None, tmp_path: Path) -> None:
     path = tmp_path / name
     if text is not None:
         path.write_text(text)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from tests.outlines import HOLDS, SHAPES, fibres_at, lines_and_mesh
+from tests.outlines import HOLDS, SHAPES, Angles, fibres_at, lines_and_mesh
 from wovenfab.sheet.aligned import graded, singular_points
 from wovenfab.sheet.grading import RATIO, STEEP, Grading, Layers, grading_of, shrunk
 
@@ -21,9 +21,7 @@ def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.f
 @pytest.mark.parametrize("name", ["rectangle", "re-entrant corners", "hole"])
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
 @pytest.mark.parametrize("how", [STEEP, grading_of(0.1, 0.1 * RATIO**3)], ids=["steep", "given"])
-def test_a_graded_mesh_covers_the_sheet_without_gaps(
-    name: str, angles: tuple[float, float], how: Grading
-) -> None:
+def test_a_graded_mesh_has_no_gaps(name: str, angles: Angles, how: Grading) -> None:
     outline = SHAPES[name]
     lines, _, coarse = lines_and_mesh(outline, fibres_at(angles), 0.1)
     points, cells = graded(*coarse, outline, (HOLDS, HOLDS), lines, how)
@@ -45,16 +43,16 @@ def test_a_graded_mesh_covers_the_sheet_without_gaps(
 
 def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
-    found, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, False, False]))
+    nodes, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, False, False]))
     assert len(cells) == 3
-    assert areas(found, cells).min() == pytest.approx(RATIO**2 / 2)
-    found, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, True, False]))
+    assert areas(nodes, cells).min() == pytest.approx(RATIO**2 / 2)
+    nodes, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, True, False]))
     assert len(cells) == 3  # a strip of two cells along the side, and the rest
-    assert areas(found, cells).max() == pytest.approx((1 - RATIO) ** 2 / 2)
+    assert areas(nodes, cells).max() == pytest.approx((1 - RATIO) ** 2 / 2)
 
 
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
-def test_cells_are_thin_along_both_sides_of_special_fibres(angles: tuple[float, float]) -> None:
+def test_cells_are_thin_along_both_sides_of_special_fibres(angles: Angles) -> None:
     outline, fibres = SHAPES["rectangle"], fibres_at(angles)
     lines, _, coarse = lines_and_mesh(outline, fibres, 0.1)
     alone = Grading(Layers(0), STEEP.lines, Layers(0))

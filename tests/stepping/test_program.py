@@ -28,6 +28,14 @@ def cycles(**speed: str) -> Cycles:
     return Cycles.model_validate({"type": "cycles", "amplitudes": amplitudes, **speed})
 
 
+def ramp_to(to: str, steps: int, **speed: str) -> Ramp:
+    return Ramp(type="ramp", to=to, steps=steps, **speed)
+
+
+def hold(duration: str, steps: int) -> Hold:
+    return Hold(type="hold", duration=duration, steps=steps)
+
+
 @pytest.mark.parametrize(
     ("speed", "periods"),
     [
@@ -36,9 +44,7 @@ def cycles(**speed: str) -> Cycles:
     ],
     ids=["same velocity", "same frequency"],
 )
-def test_reversals_and_returns_are_hit_bit_for_bit(
-    speed: dict[str, str], periods: list[float]
-) -> None:
+def test_reversals_are_hit_bit_for_bit(speed: dict[str, str], periods: list[float]) -> None:
     program = planned(cycles(**speed))
     points = program.milestones
     assert len(points) == 3 * 40 + 1
@@ -56,10 +62,8 @@ def test_reversals_and_returns_are_hit_bit_for_bit(
 @pytest.mark.parametrize("speed", [{"max_velocity": "0.5 m/s"}, {"frequency": "0.7 Hz"}])
 def test_cycles_have_their_largest_velocity_or_their_frequency(speed: dict[str, str]) -> None:
     program = planned(cycles(**speed), steps=4000)
-    times = np.array([m.time for m in program.milestones])
-    moved = np.array([m.displacement for m in program.milestones])
-    velocity = np.diff(moved) / np.diff(times)
-    peaks = velocity.reshape(3, 4000).max(axis=1)
+    times, moved = np.array([(m.time, m.displacement) for m in program.milestones]).T
+    peaks = (np.diff(moved) / np.diff(times)).reshape(3, 4000).max(axis=1)
     periods = np.diff(times[::4000])
     if "max_velocity" in speed:
         assert peaks == pytest.approx(0.5, rel=1e-6)
@@ -77,8 +81,7 @@ def test_a_cycle_begins_where_its_segment_does() -> None:
 
 
 def test_a_cycle_follows_its_closed_form_and_starts_where_the_last_segment_ended() -> None:
-    stretches = [ramp(0.0, 0.01, 0.3, 3), *cycle(0.01, 0.05, 2.0, 16)]
-    program = program_of(stretches)
+    program = program_of([ramp(0.0, 0.01, 0.3, 3), *cycle(0.01, 0.05, 2.0, 16)])
     for t in np.linspace(0.3, 2.3, 101):
         expected = 0.01 + 0.025 * (1 - cos(2 * pi * (t - 0.3) / 2.0))
         assert program.displacement(t) == pytest.approx(expected, abs=1e-15)
@@ -89,9 +92,9 @@ def test_a_cycle_follows_its_closed_form_and_starts_where_the_last_segment_ended
 def test_milestones_lie_on_the_program_bit_for_bit_whatever_went_before() -> None:
     program = planned(
         cycles(max_velocity="0.3 m/s"),
-        Ramp(type="ramp", to="31 mm", duration="0.7 s", steps=7),
-        Hold(type="hold", duration="0.1 s", steps=3),
-        Ramp(type="ramp", to="-3 mm", velocity="11 mm/s", steps=9),
+        ramp_to("31 mm", 7, duration="0.7 s"),
+        hold("0.1 s", 3),
+        ramp_to("-3 mm", 9, velocity="11 mm/s"),
     )
     for point in program.milestones:
         assert program.displacement(point.time) == point.displacement
@@ -103,9 +106,7 @@ def test_milestones_lie_on_the_program_bit_for_bit_whatever_went_before() -> Non
 
 def test_a_hold_keeps_the_displacement_and_both_its_ends_are_jumps_of_the_velocity() -> None:
     program = planned(
-        Ramp(type="ramp", to="10 mm", duration="1 s", steps=4),
-        Hold(type="hold", duration="2 s", steps=5),
-        Ramp(type="ramp", to="0 mm", duration="1 s", steps=4),
+        ramp_to("10 mm", 4, duration="1 s"), hold("2 s", 5), ramp_to("0 mm", 4, duration="1 s")
     )
     held = program.milestones[4:10]
     assert {m.displacement for m in held} == {0.01}
@@ -123,10 +124,9 @@ def test_a_table_is_hit_at_every_row_and_jumps_at_its_corners_only(tmp_path: Pat
     rows = "\n".join(f"{t},{d}" for t, d in zip(times, moved, strict=True))
     (tmp_path / "u.csv").write_text(f"time_s,displacement_m\n{rows}\n")
     row = {"type": "table", "file": "u.csv"}
-    segment = Table.model_validate(row, context={"folder": tmp_path})
-    program = planned(segment)
-    found = [(m.time, m.displacement) for m in program.milestones]
-    assert found == [(0.0, 0.0), *zip(times, moved, strict=True)]
+    program = planned(Table.model_validate(row, context={"folder": tmp_path}))
+    points = [(m.time, m.displacement) for m in program.milestones]
+    assert points == [(0.0, 0.0), *zip(times, moved, strict=True)]
     assert [m.jump for m in program.milestones] == [True, False, False, True, True, False]
     assert program.displacement(0.75) == pytest.approx(0.0145, rel=1e-12)
 
@@ -141,22 +141,18 @@ def test_a_finely_sampled_smooth_curve_has_no_corner_after_its_start() -> None:
 
 
 def test_times_grow_strictly_over_all_kinds_of_segments() -> None:
-    program = planned(
-        cycles(max_velocity="0.5 m/s"),
-        Hold(type="hold", duration="1 ms", steps=7),
-        cycles(frequency="3 Hz"),
-    )
+    program = planned(cycles(max_velocity="0.5 m/s"), hold("1 ms", 7), cycles(frequency="3 Hz"))
     assert all(a.time < b.time for a, b in pairwise(program.milestones))
 
 
 def test_reversals_are_where_the_motion_turns_back() -> None:
     program = planned(
         cycles(frequency="1 Hz"),
-        Ramp.model_validate({"type": "ramp", "to": "10 mm", "velocity": "0.1 m/s", "steps": 3}),
-        Hold.model_validate({"type": "hold", "duration": "1 s", "steps": 2}),
-        Ramp.model_validate({"type": "ramp", "to": "20 mm", "velocity": "0.1 m/s", "steps": 3}),
-        Hold.model_validate({"type": "hold", "duration": "1 s", "steps": 2}),
-        Ramp.model_validate({"type": "ramp", "to": "0 mm", "velocity": "0.1 m/s", "steps": 3}),
+        ramp_to("10 mm", 3, velocity="0.1 m/s"),
+        hold("1 s", 2),
+        ramp_to("20 mm", 3, velocity="0.1 m/s"),
+        hold("1 s", 2),
+        ramp_to("0 mm", 3, velocity="0.1 m/s"),
     )
     assert sorted(program.reversals) == pytest.approx([0.5, 1, 1.5, 2, 2.5, 3, 5.2])
     assert program.reversals <= {m.time for m in program.milestones}

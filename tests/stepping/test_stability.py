@@ -1,4 +1,4 @@
-"""A march that is pushed past the critical load: stop there, follow the branch, or ignore it."""
+"""Past the critical load: stop there, follow the branch, or ignore it."""
 
 from __future__ import annotations
 
@@ -10,14 +10,9 @@ import numpy as np
 import pytest
 
 from tests import scenes
-from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model
-from wovenfab.solver.problem import SolverOptions
-from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES
-from wovenfab.stepping.stability import StabilityLostError, Treatment
-from wovenfab.stepping.step import Step
-from wovenfab.stepping.time_stepper import TimeStepper
+from wovenfab.stepping.program import cycle, program_of, ramp
+from wovenfab.stepping.stability import StabilityLostError
 
 FRICTION = (*scenes.COUPLED, "slip_friction")
 #: Far beyond the critical load, which is met at 0.03 mm, and not so far.
@@ -34,34 +29,6 @@ def sheet(names: tuple[str, ...] = scenes.BONDED) -> Model:
     return scenes.model(scenes.sheet(fibres=scenes.ALONG), names, numerics)
 
 
-def march(
-    model: Model,
-    treatment: Treatment,
-    program: Program = FAR,
-    grips: tuple[Grip, ...] = scenes.PUSH,
-    seed: int = 0,
-    scheme: str = "backward-euler",
-) -> tuple[list[Step], list[np.ndarray], StabilityLostError | None]:
-    """Return the steps, the field at each, and the error that ended the march."""
-    model.field.x.array[:] = 0
-    options = SolverOptions(descend=treatment == "follow", seed=seed)
-    equilibrium = scenes.solver(model, grips, options)
-    marching = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 1024, treatment)
-    steps, fields, failure = [], [], None
-    try:
-        for step in marching.steps():
-            steps.append(step)
-            fields.append(model.field.x.array.copy())
-    except StabilityLostError as error:
-        failure = error
-    equilibrium.destroy()
-    return steps, fields, failure
-
-
-def energy(step: Step) -> float:
-    return sum(step.stored.values())
-
-
 def side(field: np.ndarray) -> float:
     """Return the largest deflection across the yarns with its sign."""
     return float(field[1::2][np.abs(field[1::2]).argmax()])
@@ -69,12 +36,12 @@ def side(field: np.ndarray) -> float:
 
 def test_stop_ends_at_the_last_minimum_and_says_where_and_at_which_load() -> None:
     model = sheet()
-    steps, fields, failure = march(model, "stop")
-    assert failure is not None
-    loss, last = failure.loss, steps[-1]
-    assert (model.field.x.array == fields[-1]).all()
+    run = scenes.push(model, FAR, "stop")
+    assert isinstance(run.failure, StabilityLostError)
+    loss, last = run.failure.loss, run.steps[-1]
+    assert (model.field.x.array == run.fields[-1]).all()
     assert (loss.time, loss.displacement) == (last.time, last.displacement)
-    assert [s.negatives for s in steps] == [0] * len(steps)
+    assert not any(s.negatives for s in run.steps)
     assert loss.negatives == 1
     assert 0 < loss.increment < 2e-3 * loss.displacement
     assert loss.step == pytest.approx(loss.increment / 4e-3)
@@ -84,40 +51,40 @@ def test_stop_ends_at_the_last_minimum_and_says_where_and_at_which_load() -> Non
         r"the sheet loses its stability at t = [\d.e-]+ s \(displacement 0\.0\d+ mm, known to "
         r"[\d.e-]+ mm\) under a force of \d+\.?\d* N; "
         r"solver\.stability=follow goes on along the branch",
-        str(failure),
+        str(run.failure),
     )
 
 
 def test_ignore_stays_on_the_saddle_and_counts() -> None:
-    steps, fields, failure = march(sheet(), "ignore")
-    assert failure is None
-    counts = [s.negatives for s in steps]
+    run = scenes.push(sheet(), FAR, "ignore")
+    assert run.failure is None
+    counts = [s.negatives for s in run.steps]
     assert counts[0] == 0 and min(counts[1:]) >= 1 and counts == sorted(counts)
-    assert abs(side(fields[-1])) < 1e-9
+    assert abs(side(run.fields[-1])) < 1e-9
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED, FRICTION], ids=len)
 def test_follow_accepts_only_minima_and_stays_below_the_saddles(names: tuple[str, ...]) -> None:
     scheme = "bdf2" if names == FRICTION else "backward-euler"
-    steps, fields, failure = march(sheet(names), "follow", scheme=scheme)
-    saddles, _, _ = march(sheet(names), "ignore", scheme=scheme)
-    assert failure is None
-    assert [s.negatives for s in steps] == [0] * len(steps)
-    losses = [s.loss for s in steps if s.loss]
-    assert len(losses) == 1
-    planned = [s for s in steps if s.milestone]
+    run = scenes.push(sheet(names), FAR, "follow", scheme=scheme)
+    saddles = scenes.push(sheet(names), FAR, "ignore", scheme=scheme).steps
+    assert run.failure is None
+    assert not any(s.negatives for s in run.steps)
+    (loss,) = [s.loss for s in run.steps if s.loss]
+    planned = [s for s in run.steps if s.milestone]
     assert [s.time for s in planned] == [s.time for s in saddles]
     for branch, trivial in zip(planned[1:], saddles[1:], strict=True):
-        assert branch.displacement == trivial.displacement > losses[0].displacement
-        assert energy(branch) < 0.2 * energy(trivial)
-    sides = [side(f) for f in fields if abs(side(f)) > 1e-5]
+        assert branch.displacement == trivial.displacement > loss.displacement
+        assert scenes.stored(branch) < 0.2 * scenes.stored(trivial)
+    sides = [side(f) for f in run.fields if abs(side(f)) > 1e-5]
     assert len(sides) > 5
     assert (np.sign(sides) == np.sign(sides[0])).all()  # never over to the other branch
     assert (np.diff(np.abs(sides)) > 0).all()
 
 
 def test_equal_seeds_give_equal_branches_and_some_seed_the_other() -> None:
-    ends = [march(sheet(), "follow", NEAR, seed=seed)[1][-1] for seed in (0, 0, 1, 2, 3)]
+    seeds = (0, 0, 1, 2, 3)
+    ends = [scenes.push(sheet(), NEAR, "follow", seed=seed).fields[-1] for seed in seeds]
     assert (ends[0] == ends[1]).all()
     assert {np.sign(side(end)) for end in ends} == {1.0, -1.0}
     for end in ends:  # mirror images
@@ -126,15 +93,15 @@ def test_equal_seeds_give_equal_branches_and_some_seed_the_other() -> None:
 
 def test_a_branch_leads_back_to_the_straight_sheet_and_buckles_again() -> None:
     there_and_back = program_of([*cycle(0.0, 2e-3, 1.0, 8), *cycle(0.0, 2e-3, 1.0, 8)])
-    steps, fields, failure = march(sheet(), "follow", there_and_back)
-    assert failure is None
-    assert [s.negatives for s in steps] == [0] * len(steps)
-    assert [s for s in steps if s.loss]
+    run = scenes.push(sheet(), there_and_back, "follow")
+    assert run.failure is None
+    assert not any(s.negatives for s in run.steps)
+    assert any(s.loss for s in run.steps)
+    states = list(zip(run.steps, map(side, run.fields), strict=True))
     ends = [end for _, end in there_and_back.cycles]
-    back = [i for i, s in enumerate(steps) if s.time in ends]
-    assert [abs(side(fields[i])) < 1e-8 for i in back] == [True, True]
-    peaks = [i for i, s in enumerate(steps) if s.displacement == 2e-3]
-    assert [abs(side(fields[i])) > 0.02 for i in peaks] == [True, True]
+    assert [abs(across) < 1e-8 for s, across in states if s.time in ends] == [True, True]
+    peaks = [abs(across) > 0.02 for s, across in states if s.displacement == 2e-3]
+    assert peaks == [True, True]
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, FRICTION], ids=["bonded", "friction"])
@@ -145,7 +112,7 @@ def test_a_bias_sheet_stays_stable_pulled_and_pushed(names: tuple[str, ...]) -> 
     for grips in (scenes.PULL, scenes.PUSH):
         program = program_of(cycle(0.0, 0.04, 0.25, 16))
         scheme = "bdf2" if names == FRICTION else "backward-euler"
-        steps, _, failure = march(model, "stop", program, grips, scheme=scheme)
-        assert failure is None
-        assert len(steps) == 17
-        assert not any(s.negatives or s.cutbacks for s in steps)
+        run = scenes.push(model, program, "stop", scheme=scheme, grips=grips)
+        assert run.failure is None
+        assert len(run.steps) == 17
+        assert not any(s.negatives or s.cutbacks for s in run.steps)

@@ -38,18 +38,17 @@ def walk(
 
 EVEN = [i / 10 for i in range(11)]
 UNEVEN = [0.0, 0.1, 0.13, 0.5, 0.501, 1.0]
+in_each = pytest.mark.parametrize("planned", [EVEN, UNEVEN], ids=["even", "uneven"])
 
 
-@pytest.mark.parametrize("planned", [EVEN, UNEVEN], ids=["even", "uneven"])
+@in_each
 def test_steps_that_never_fail_are_the_planned_ones(planned: list[float]) -> None:
     assert walk(planned, lambda *_: EASY + 1) == (planned, 0)
 
 
-@pytest.mark.parametrize("planned", [EVEN, UNEVEN], ids=["even", "uneven"])
+@in_each
 @pytest.mark.parametrize("longest", [0.7, 0.06, 0.011])
-def test_planned_times_are_hit_bit_for_bit_with_even_steps_between(
-    planned: list[float], longest: float
-) -> None:
+def test_planned_times_are_hit_bit_for_bit(planned: list[float], longest: float) -> None:
     times, _ = walk(planned, lambda _, length: 3 if length <= longest else None)
     assert set(planned) <= set(times)
     lengths = [b - a for a, b in pairwise(times)]
@@ -59,10 +58,7 @@ def test_planned_times_are_hit_bit_for_bit_with_even_steps_between(
 
 
 def test_what_was_learnt_is_kept_beyond_the_planned_time() -> None:
-    def hard(_: float, length: float) -> int | None:
-        return EASY + 1 if length <= 0.04 else None
-
-    _, failures = walk(EVEN, hard)
+    _, failures = walk(EVEN, lambda _, length: EASY + 1 if length <= 0.04 else None)
     assert failures <= 2 + 30 // ENOUGH  # not twice in each planned step
 
 
@@ -83,10 +79,9 @@ def test_steps_that_stay_hard_grow_too_in_the_end() -> None:
 
 def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -> None:
     step_size = StepSizeControl(1e-3)
-    assert step_size.next(0.0, 1.0) == 1.0
-    step_size.bisect(1.0, 1.0)
-    assert step_size.next(0.0, 1.0) == 0.5
-    step_size.bisect(0.5, 0.5)
+    for length in (1.0, 0.5):
+        assert step_size.next(0.0, 1.0) == length
+        step_size.bisect(length, length)
     assert step_size.next(0.0, 1.0) == 0.25
     step_size.accepted(0.25, 1)  # easy, but the way to 0.5 is known to be blocked
     assert step_size.next(0.25, 1.0) == 0.5

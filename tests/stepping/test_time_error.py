@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tests import scenes
-from wovenfab.model.model import Numerics
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES, end_weights
 from wovenfab.stepping.step import Step
@@ -27,38 +26,31 @@ def test_a_cubic_has_its_true_rate(steps: tuple[float, float, float]) -> None:
     assert rate + rate_error(now, states, steps[1:], steps[0]) == pytest.approx(true)
 
 
-def marched(program: Program, tolerance: float | None) -> list[Step]:
+def run(program: Program, tolerance: float | None) -> list[Step]:
     names = (*scenes.COUPLED, "slip_friction")
     model = scenes.model(scenes.sheet(0.6), names, scenes.PROTOTYPE_TWO_STEPS)
-    equilibrium = scenes.solver(model)
-    march = TimeStepper(
-        equilibrium,
-        program,
-        SCHEMES["bdf2"],
-        1e-4,
-        tolerance=tolerance,
-    )
-    steps = list(march.steps())
-    equilibrium.destroy()
-    return steps
+    result = scenes.run(model, program, None, 1e-4, "bdf2", tolerance=tolerance)
+    assert result.failure is None
+    return result.steps
 
 
-def lost(steps: list[Step]) -> float:
-    return steps[-1].dissipated["slip_friction"]
+def lost(program: Program) -> float:
+    """Return the energy (J) dissipated with the planned steps."""
+    return scenes.lost(run(program, None)[-1])
 
 
 def test_smaller_tolerances_make_smaller_errors_and_hit_reversals() -> None:
     program = program_of(cycle(0.0, 0.02, 0.25, 8))
-    best = lost(marched(program_of(cycle(0.0, 0.02, 0.25, 320)), None))
+    best = lost(program_of(cycle(0.0, 0.02, 0.25, 320)))
     errors, counts = [], []
     for tolerance in (0.03, 0.003):
-        steps = marched(program, tolerance)
+        steps = run(program, tolerance)
         planned = [s.time for s in steps if s.milestone is not None]
         assert planned == [m.time for m in program.milestones]
         assert max(s.displacement for s in steps) == 0.02
-        true, told = lost(steps) - best, steps[-1].dissipated_error
-        print(f"{tolerance}: {len(steps)} steps, error {true:.3g} J, embedded {told:.3g} J")
-        assert 0.5 < told / true < 3
+        true, estimate = scenes.lost(steps[-1]) - best, steps[-1].dissipated_error
+        print(f"{tolerance}: {len(steps)} steps, error {true:.3g} J, embedded {estimate:.3g} J")
+        assert 0.5 < estimate / true < 3
         errors.append(true / best)
         counts.append(len(steps))
     assert counts[1] > 2 * counts[0]
@@ -69,27 +61,25 @@ def test_smaller_tolerances_make_smaller_errors_and_hit_reversals() -> None:
 def test_steps_shrink_where_friction_lets_go_and_grow_where_nothing_happens() -> None:
     """After a ramp the sheet creeps for about half a second, and then rests."""
     program = program_of([ramp(0.0, 0.02, 0.1, 1), ramp(0.02, 0.02, 10.0, 2)])
-    steps = marched(program, 0.01)
-    lengths = [b.time - a.time for a, b in pairwise(steps)]
-    times = [s.time for s in steps[1:]]
-    early = [h for h, t in zip(lengths, times, strict=True) if 0.1 < t < 0.4]
-    late = [h for h, t in zip(lengths, times, strict=True) if t > 5.2]
+    steps = run(program, 0.01)
+    early = [b.time - a.time for a, b in pairwise(steps) if 0.1 < b.time < 0.4]
+    late = [b.time - a.time for a, b in pairwise(steps) if b.time > 5.2]
     print(f"{len(steps)} steps, {min(early):.3g} s to {max(late):.3g} s")
     assert max(late) > 20 * min(early)
     number = (len(steps) - 1) // 2
     pull, rest = (0.0, 0.02, 0.1), (0.02, 0.02, 10.0)
     equal = program_of([ramp(*pull, number), ramp(*rest, number)])
     fine = program_of([ramp(*pull, 40), ramp(0.02, 0.02, 2.0, 400), ramp(0.02, 0.02, 8.0, 2)])
-    of_equal, best = lost(marched(equal, None)), lost(marched(fine, None))
-    print(f"{lost(steps):.4f} J, with as many equal steps {of_equal:.4f} J, best {best:.4f} J")
-    assert abs(lost(steps) - best) < abs(of_equal - best) / 3
+    adapted, of_equal, best = scenes.lost(steps[-1]), lost(equal), lost(fine)
+    print(f"{adapted:.4f} J, with as many equal steps {of_equal:.4f} J, best {best:.4f} J")
+    assert abs(adapted - best) < abs(of_equal - best) / 3
 
 
 def test_without_rates_steps_are_as_planned() -> None:
-    model = scenes.model(scenes.sheet(0.6), scenes.BONDED, Numerics(2, quadrature=4, penalty=10.0))
+    model = scenes.model(scenes.sheet(0.6), scenes.BONDED, scenes.PROTOTYPE)
     equilibrium = scenes.solver(model)
     program = program_of([ramp(0.0, 0.01, 1.0, 3)])
-    march = TimeStepper(equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6)
-    assert not march.measures_errors
-    assert [s.time for s in march.steps()] == [m.time for m in program.milestones]
+    stepper = TimeStepper(equilibrium, program, SCHEMES["bdf2"], 1 / 64, tolerance=1e-6)
+    assert not stepper.measures_errors
+    assert [s.time for s in stepper.steps()] == [m.time for m in program.milestones]
     equilibrium.destroy()

@@ -37,9 +37,7 @@ def check(name: str, mesh_size: float, degree: int, unknowns: int, error: float)
     [(0.1, 3, 8000, 3e-3), (0.1, 4, 40_000, 5e-4)],
     ids=["three tenths of a per cent", "five hundredths"],
 )
-def test_few_unknowns_give_the_force_of_bonded_yarns(
-    mesh_size: float, degree: int, unknowns: int, error: float
-) -> None:
+def test_few_unknowns_suffice(mesh_size: float, degree: int, unknowns: int, error: float) -> None:
     check("1:3", mesh_size, degree, unknowns, error)
 
 

@@ -9,7 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests import scenes
-from tests.outlines import SHAPES, aligned, tee, with_hole
+from tests.outlines import SHAPES, Angles, aligned, tee, with_hole
 from tests.samples import SAMPLES
 from wovenfab.model.model import Numerics
 from wovenfab.model.spaces import placements_on
@@ -44,9 +44,7 @@ def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
 
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60), (0, 90)], ids=str)
 @pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES.keys())
-def test_cells_that_share_a_value_have_yarns_in_common(
-    shape: Outline, angles: tuple[float, float]
-) -> None:
+def test_cells_that_share_a_value_share_yarns(shape: Outline, angles: Angles) -> None:
     """They are joined through edges of cells: none touch at a corner or a hole alone."""
     on = aligned(shape, angles, 0.1)
     placements = placements_on(on.mesh, 2, 2, on.jumps)
@@ -71,9 +69,7 @@ def test_cells_that_share_a_value_have_yarns_in_common(
 @pytest.mark.parametrize(
     ("shape", "angles"), [(tee(), (45, -45)), (with_hole(), (45, -45)), (tee(), (30, -60))]
 )
-def test_sheets_with_notches_and_holes_converge_as_well(
-    shape: Outline, angles: tuple[float, float]
-) -> None:
+def test_notched_and_pierced_sheets_converge(shape: Outline, angles: Angles) -> None:
     sheets = (aligned(shape, angles, mesh_size) for mesh_size in (0.1, 0.05))
     (_, coarse), (_, fine) = (SHEET.pull(scenes.COUPLED, 0.02, 4, on) for on in sheets)
     assert coarse == pytest.approx(fine, rel=5e-4)

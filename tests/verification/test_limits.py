@@ -52,9 +52,7 @@ def test_two_placements_tend_to_one_as_the_coupling_grows() -> None:
     ],
     ids=lambda v: next(iter(v)) if isinstance(v, dict) else "",
 )
-def test_an_effect_of_zero_strength_is_an_effect_left_out(
-    scene: tuple[str, ...], nothing: dict
-) -> None:
+def test_an_effect_of_zero_strength_is_left_out(scene: tuple[str, ...], nothing: dict) -> None:
     (name,) = nothing
     sheet = scenes.sheet()
     listed = cycle_of(scenes.model(sheet, scene, TWO_STEPS, with_values(**nothing)))

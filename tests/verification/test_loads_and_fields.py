@@ -73,18 +73,3 @@ def test_an_edge_may_hold_one_family_alone() -> None:
     along, across = (x[places.on_facets(facets, family)] for family in (0, 1))
     assert across == pytest.approx(0.01)
     assert (along < 0.0099).all()
-
-
-def test_a_prescribed_field_turns_the_sheet_without_force() -> None:
-    def turned(axis: int) -> Held:
-        def field(x: np.ndarray, y: np.ndarray, angle: float) -> np.ndarray:
-            c, s = np.cos(angle), np.sin(angle)
-            return (c - 1) * x - s * y if axis == 0 else s * x + (c - 1) * y
-
-        return Held(field=field)
-
-    model = scenes.model(scenes.sheet(), scenes.BONDED)
-    grip = (turned(0), turned(1))
-    held = solve(model, (Grip("left", grip), Grip("right", grip)), 0.4)
-    assert np.abs(np.array(list(held.values()))).max() < 1e-4
-    assert sum(model.stored_energy().values()) < 1e-12

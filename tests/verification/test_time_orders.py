@@ -7,7 +7,7 @@ reversal takes several steps; faster, every scheme needs more steps before its o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from math import pi
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tests import scenes
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.step import Step
 
 COUNTS = (20, 40, 80, 160)
 AMPLITUDE = 0.04
@@ -35,33 +36,20 @@ in_each = pytest.mark.parametrize(
 )
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Force (N) and dissipated energy (J) at 20 equal times, and what is missing at the end."""
-
-    force: NDArray[np.float64]
-    dissipated: NDArray[np.float64]
-    imbalance: float
-
-
 @cache
-def refinements(scene: str, scheme: str) -> tuple[Curves, ...]:
-    """Return the curves with 20, 40, 80 and 160 steps a cycle."""
+def refinements(scene: str, scheme: str) -> tuple[list[Step], ...]:
+    """Return the steps at 20 equal times of a cycle with 20, 40, 80 and 160 steps."""
     names, speed, size = SCENES[scene]
     numerics = replace(scenes.PROTOTYPE, history=SCHEMES[scheme].memory)
     model = scenes.model(scenes.sheet(mesh_size=size), names, numerics)
     programs = (program_of(cycle(0.0, AMPLITUDE, pi * AMPLITUDE / speed, n)) for n in COUNTS)
-    return tuple(curves(scenes.march(model, program, scheme)) for program in programs)
+    runs = (scenes.march(model, program, scheme) for program in programs)
+    planned = ([s for s in steps if s.milestone is not None] for steps in runs)
+    return tuple(steps[:: (len(steps) - 1) // 20] for steps in planned)
 
 
-def curves(steps: list) -> Curves:
-    planned = [s for s in steps if s.milestone is not None]
-    sampled = planned[:: (len(planned) - 1) // 20]
-    return Curves(
-        np.array([s.reactions["right"][0] for s in sampled]),
-        np.array([scenes.lost(s) for s in sampled]),
-        abs(scenes.imbalance(planned[-1])) / scenes.lost(planned[-1]),
-    )
+def losses(steps: list[Step]) -> NDArray[np.float64]:
+    return np.array([scenes.lost(s) for s in steps])
 
 
 def orders(curves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -70,12 +58,10 @@ def orders(curves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 @in_each
-def test_force_and_dissipated_energy_converge_with_the_schemes_order(
-    scene: str, scheme: str
-) -> None:
+def test_force_and_loss_converge_with_the_schemes_order(scene: str, scheme: str) -> None:
     theory, runs = SCHEMES[scheme].order, refinements(scene, scheme)
-    force = orders([r.force for r in runs])
-    dissipated = orders([r.dissipated for r in runs])
+    force = orders([scenes.forces(steps) for steps in runs])
+    dissipated = orders([losses(steps) for steps in runs])
     print(f"\n{scene}, {scheme}: observed {np.round(force, 2)} in force, ", end="")
     print(f"{np.round(dissipated, 2)} in dissipated energy, theory {theory}")
     assert force[-1] == pytest.approx(theory, abs=0.2)
@@ -83,10 +69,9 @@ def test_force_and_dissipated_energy_converge_with_the_schemes_order(
 
 
 @in_each
-def test_external_work_is_stored_or_dissipated_within_what_the_scheme_promises(
-    scene: str, scheme: str
-) -> None:
-    shares = np.array([r.imbalance for r in refinements(scene, scheme)])
+def test_work_is_stored_or_dissipated_to_the_schemes_order(scene: str, scheme: str) -> None:
+    ends = [steps[-1] for steps in refinements(scene, scheme)]
+    shares = np.array([abs(scenes.imbalance(end)) / scenes.lost(end) for end in ends])
     fall = scenes.orders(shares).mean()
     print(f"\n{scene}, {scheme}: imbalance {shares} of the loss, order {fall:.2f}")
     assert shares[COUNTS.index(80)] < IMBALANCE[scheme]
@@ -95,16 +80,15 @@ def test_external_work_is_stored_or_dissipated_within_what_the_scheme_promises(
 
 def test_all_schemes_converge_to_the_same_loop() -> None:
     for scene in SCENES:
-        ends = [refinements(scene, scheme)[-1] for scheme in SCHEMES]
-        for other in ends[:-1]:
-            assert other.force == pytest.approx(ends[-1].force, abs=0.01 * ends[-1].force.max())
-            assert other.dissipated[-1] == pytest.approx(ends[-1].dissipated[-1], rel=0.03)
+        *others, last = (refinements(scene, scheme)[-1] for scheme in SCHEMES)
+        force, loss = scenes.forces(last), scenes.lost(last[-1])
+        for other in others:
+            assert scenes.forces(other) == pytest.approx(force, abs=0.01 * force.max())
+            assert scenes.lost(other[-1]) == pytest.approx(loss, rel=0.03)
 
 
 @pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
-def test_without_friction_the_work_is_stored_with_order_two_and_all_given_back(
-    scheme: str,
-) -> None:
+def test_without_friction_work_is_stored_with_order_two_and_given_back(scheme: str) -> None:
     """The trapezoid sums the work, whatever the scheme; a symmetric cycle cancels its error."""
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
     missing = []
