@@ -2,7 +2,6 @@
 
 from wovenfab.case.boundary import Boundary, Component, EdgeCondition, conditions_of
 from wovenfab.case.case import Case, json_schema, read_case
-from wovenfab.case.custom_effects import custom_effect_errors
 from wovenfab.case.document import (
     Document,
     Place,
@@ -49,7 +48,6 @@ __all__ = [
     "Value",
     "acting",
     "conditions_of",
-    "custom_effect_errors",
     "existing_file",
     "folder_of",
     "json_schema",

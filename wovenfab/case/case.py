@@ -19,13 +19,14 @@ from ruamel.yaml import YAML
 from forms.effect import Effect, Needs
 from wovenfab.case.boundary import EdgeConditions
 from wovenfab.case.checks import findings
-from wovenfab.case.custom_effects import custom_effects
 from wovenfab.case.document import FROM, Document, key_path, override, resolved_document
 from wovenfab.case.effects import (
     CustomEffect,
+    CustomEffects,
     EffectsSection,
     Scene,
     Values,
+    custom_files,
     custom_schemas,
     needs_of_scene,
 )
@@ -185,7 +186,11 @@ class Case(Section):
         """Take the values of a document, all of them or none."""
         document, path = origin.document, origin.path
         folder = path.parent if path else Path()
-        custom = custom_effects(document.data, folder)
+        custom: CustomEffects = {}
+        if files := custom_files(document.data):
+            from wovenfab.case.custom_effects import custom_effects
+
+            custom = custom_effects(files, folder)
         context = {"folder": folder, "custom": custom}
         try:
             self.__pydantic_validator__.validate_python(

@@ -11,7 +11,7 @@ import re
 import sys
 import traceback
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import ModuleType
@@ -23,8 +23,8 @@ from pydantic_core import PydanticCustomError
 from forms import catalogue
 from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
+from forms.friction import PointFriction, components_of
 from forms.kinematics import point_of
-from forms.point_friction import PointFriction, components_of
 from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
@@ -35,16 +35,13 @@ RESERVED = (FILE, LAW)
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
-def custom_effects(data: Any, folder: Path) -> CustomEffects:
+def custom_effects(files: Mapping[str, Any], folder: Path) -> CustomEffects:
     """Return the effects that a case names by file, in its order.
 
     Args:
-        data: The case as plain data; it may be invalid.
+        files: Their files by name, as the case has them; they may be invalid.
         folder: Where the case lies.
     """
-    section = data.get("effects") if isinstance(data, dict) else None
-    given = section.items() if isinstance(section, dict) else ()
-    files = {key: v[FILE] for key, v in given if isinstance(v, dict) and FILE in v}
     effects: dict[str, CustomEffect | PydanticCustomError] = {}
     for key, file in files.items():
         try:

@@ -73,6 +73,17 @@ Scene = tuple[SceneEffect, ...]
 _LAW = "Which law it obeys"
 
 
+def custom_files(data: Any) -> dict[str, Any]:
+    """Return the files of the user's own effects by name.
+
+    Args:
+        data: The case as plain data; it may be invalid.
+    """
+    section = data.get("effects") if isinstance(data, dict) else None
+    given = section.items() if isinstance(section, dict) else ()
+    return {key: v[FILE] for key, v in given if isinstance(v, dict) and FILE in v}
+
+
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
     kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))

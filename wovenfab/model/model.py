@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import basix.ufl
 import numpy as np
@@ -20,12 +20,15 @@ from mpi4py import MPI
 
 from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
-from forms.point_friction import PointFriction, components_of
 from wovenfab.model.assembly import Sum, assemble_scalar, crossed_facets
 from wovenfab.model.compiler import compile_sums
 from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
 from wovenfab.model.spaces import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
+
+if TYPE_CHECKING:
+    from forms.friction import PointFriction
+
 
 #: A parameter: a number, or a function of the reference position (UFL in and out).
 Value = float | Callable[[Any], Any]
@@ -283,6 +286,8 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
 
 def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
     """Return a bounded friction with its stress at the points of a quadrature rule."""
+    from forms.friction import PointFriction, components_of
+
     element = basix.ufl.quadrature_element(
         mesh.basix_cell(),
         value_shape=(components_of(term, balance),),

@@ -6,6 +6,7 @@ From a case to the sheet, model, constraints, program and solver that it describ
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf, pi
@@ -27,7 +28,6 @@ from wovenfab.case import (
     Rectangle,
     Table,
     conditions_of,
-    custom_effect_errors,
 )
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value, build_model
@@ -187,7 +187,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for name, _, edge in conditions
         if edge.force is not None
     ]
-    with custom_effect_errors(case.scene):
+    with _custom_effect_errors(case):
         return build_model(
             sheet,
             [term.effect for term in case.scene],
@@ -284,3 +284,12 @@ def _period(segment: Cycles) -> Any:
     assert segment.max_velocity is not None
     velocity = segment.max_velocity
     return lambda amplitude: pi * amplitude / velocity
+
+
+def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:
+    """Return a context that reports failures as those of the user's own effects."""
+    if not any(effect.file for effect in case.scene):
+        return nullcontext()
+    from wovenfab.case.custom_effects import custom_effect_errors
+
+    return custom_effect_errors(case.scene)

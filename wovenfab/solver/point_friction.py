@@ -19,7 +19,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.point_friction import PointFriction
+from forms.friction import PointFriction
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model
 from wovenfab.solver.interior_point import Increment, InteriorPoint, Target
