@@ -16,7 +16,7 @@ from wovenfab.case import json_schema
 
 NewFile = Callable[[str, str], None]
 DRAG = """\
-from tests.case.effect import Effect, Needs, Parameter
+from .effect import Effect, Needs, Parameter
 
 EFFECT = Effect(
     name="drag",

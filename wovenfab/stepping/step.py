@@ -64,7 +64,7 @@ class StepFailedError(Exception):
         time: Time that was not reached, s.
         displacement: Displacement that was not reached, m.
         step: Length of the smallest step tried, s.
-        outcome: How the last attempt ended.
+        result: How the last attempt ended.
         cutbacks: Rejected attempts since the last accepted step.
         diagnosis: Worst point, probable cause and remedy, where they are known.
     """
@@ -74,7 +74,7 @@ class StepFailedError(Exception):
         time: float,
         displacement: float,
         step: float,
-        outcome: SolveResult,
+        result: SolveResult,
         cutbacks: int,
         diagnosis: Diagnosis | None = None,
     ) -> None:
@@ -82,11 +82,11 @@ class StepFailedError(Exception):
         why = f". {diagnosis}" if diagnosis else ""
         super().__init__(
             f"no equilibrium at t = {time:.6g} s (displacement {1e3 * displacement:.6g} mm) even "
-            f"with a step of {step:.3g} s: {outcome.reason} after {outcome.iterations} iterations, "
-            f"residual {outcome.residual:.3g} N{why}"
+            f"with a step of {step:.3g} s: {result.reason} after {result.iterations} iterations, "
+            f"residual {result.residual:.3g} N{why}"
         )
         self.time, self.displacement, self.step = time, displacement, step
-        self.outcome, self.cutbacks, self.diagnosis = outcome, cutbacks, diagnosis
+        self.result, self.cutbacks, self.diagnosis = result, cutbacks, diagnosis
 
 
 class StartFailedError(StepFailedError):
@@ -94,7 +94,7 @@ class StartFailedError(StepFailedError):
 
     def __str__(self) -> str:
         """Say under how much and why."""
-        result = self.outcome
+        result = self.result
         reason = (
             f"it would not be stable ({result.negatives} negative eigenvalues)"
             if result.converged
