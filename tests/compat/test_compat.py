@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import subprocess
 import sys
 from collections import defaultdict
@@ -19,11 +18,14 @@ from mpi4py import MPI
 
 from wovenfab import compat
 from wovenfab.case import read_case
+from wovenfab.record.history import read_history
 from wovenfab.simulation.from_case import sheet_of
 
 CASE = Path(__file__).parent / "case.yaml"
 WORLD = MPI.COMM_WORLD
-on_ranks = [pytest.param(1), pytest.param(2, marks=pytest.mark.mpi)]
+on_ranks = pytest.mark.parametrize(
+    "ranks", [pytest.param(1), pytest.param(2, marks=pytest.mark.mpi)]
+)
 
 
 def square() -> tuple[Mesh, np.ndarray, dict[str, int]]:
@@ -43,7 +45,7 @@ def square() -> tuple[Mesh, np.ndarray, dict[str, int]]:
     return mesh, facets, names
 
 
-@pytest.mark.parametrize("ranks", on_ranks)
+@on_ranks
 def test_a_gmsh_mesh_has_its_named_edge_and_both_cells_of_each_facet(ranks: int) -> None:
     mesh, facets, names = square()
     assert names == {"left": 7}
@@ -56,7 +58,7 @@ def test_a_gmsh_mesh_has_its_named_edge_and_both_cells_of_each_facet(ranks: int)
     assert np.flatnonzero(cells == 1).tolist() == exterior_facet_indices(mesh.topology).tolist()
 
 
-@pytest.mark.parametrize("ranks", on_ranks)
+@on_ranks
 def test_an_index_map_numbers_over_the_ranks(ranks: int) -> None:
     other = (WORLD.rank + 1) % WORLD.size
     ghosts = np.array([3 * other] if WORLD.size > 1 else [], dtype=np.int64)
@@ -68,7 +70,7 @@ def test_an_index_map_numbers_over_the_ranks(ranks: int) -> None:
     assert numbers.local_to_global(mine).tolist() == [*own, *ghosts]
 
 
-@pytest.mark.parametrize("ranks", on_ranks)
+@on_ranks
 def test_the_columns_of_a_pattern_reach_all_that_cells_couple(ranks: int) -> None:
     mesh, _, _ = square()
     space = fem.functionspace(mesh, ("Lagrange", 1))
@@ -88,7 +90,7 @@ def test_the_columns_of_a_pattern_reach_all_that_cells_couple(ranks: int) -> Non
     assert pairs == set().union(*WORLD.allgather(local))
 
 
-@pytest.mark.parametrize("ranks", on_ranks)
+@on_ranks
 def test_a_space_takes_a_dof_map_of_ones_own(ranks: int) -> None:
     mesh, _, _ = square()
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
@@ -104,13 +106,11 @@ def test_a_space_takes_a_dof_map_of_ones_own(ranks: int) -> None:
     assert WORLD.allreduce(area) == pytest.approx(1 / 2)
 
 
-def columns(path: Path) -> dict[str, np.ndarray]:
+def columns(directory: Path) -> dict[str, np.ndarray]:
     """Return the values of a history by unit: all columns of one share their scale."""
-    with path.open() as stream:
-        rows = list(csv.DictReader(stream))
     units = defaultdict(list)
-    for name in rows[0]:
-        units[name.rpartition("_")[2]].append([float(row[name]) for row in rows])
+    for name, values in read_history(directory).items():
+        units[name.rpartition("_")[2]].append(values)
     return {unit: np.array(values) for unit, values in units.items()}
 
 
@@ -120,7 +120,7 @@ def test_the_history_of_a_case_is_that_of_dolfinx_0_9(tmp_path: Path) -> None:
     assert all(len(lines) for lines in sheet.jumps)
     run = [sys.executable, "-m", "wovenfab", "run", CASE, "-o", tmp_path / "run"]
     subprocess.run(run, check=True, capture_output=True)
-    stored, now = columns(CASE.with_name("history.csv")), columns(tmp_path / "run" / "history.csv")
+    stored, now = columns(CASE.parent), columns(tmp_path / "run")
     assert now.keys() == stored.keys() >= {"N", "J", "m", "s", "iterations"}
     for unit, values in stored.items():
         assert now[unit] == pytest.approx(values, rel=0, abs=1e-8 * np.abs(values).max()), unit

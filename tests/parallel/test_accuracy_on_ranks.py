@@ -57,7 +57,7 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     assert together.shortfall == alone.shortfall == ""
     assert together.case == alone.case
     assert trace.model.unknowns == expected.model.unknowns
-    assert trace.result == expected.result
+    assert trace.outcome == expected.outcome
     assert trace.figures == pytest.approx(expected.figures, rel=SAME)
     assert trace.forces == pytest.approx(expected.forces, abs=SAME * abs(expected.forces).max())
     errors = relative(together)

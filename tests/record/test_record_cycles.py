@@ -11,7 +11,8 @@ LOSS = VISCOSITY * (AMPLITUDE * np.pi) ** 2 / (2 * PERIOD)
 TWO = [(0.0, PERIOD), (PERIOD, 2 * PERIOD)]
 
 
-def spring_and_damper(time: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def spring_and_damper(periods: float, rows: int) -> dict[str, NDArray[np.float64]]:
+    time = np.linspace(0, periods * PERIOD, rows)
     phase = 2 * np.pi * time / PERIOD
     u = AMPLITUDE / 2 * (1 - np.cos(phase))
     rate = AMPLITUDE * np.pi / PERIOD * np.sin(phase)
@@ -43,7 +44,7 @@ def spring_and_slider() -> dict[str, NDArray[np.float64]]:
 
 
 def test_the_loop_area_is_the_dissipated_energy_of_each_cycle() -> None:
-    found = cycles(spring_and_damper(np.linspace(0, 2 * PERIOD, 801)), TWO)
+    found = cycles(spring_and_damper(2, 801), TWO)
     assert [cycle.complete for cycle in found] == [True, True]
     for cycle in found:
         assert cycle.dissipated == pytest.approx(LOSS, rel=1e-12)
@@ -52,7 +53,7 @@ def test_the_loop_area_is_the_dissipated_energy_of_each_cycle() -> None:
 
 
 def test_the_peak_force_is_the_one_of_largest_size() -> None:
-    history = spring_and_damper(np.linspace(0, PERIOD, 401))
+    history = spring_and_damper(1, 401)
     history["force_N"] = -history["force_N"]
     peak = cycles(history, TWO[:1])[0].peak_force
     assert peak == pytest.approx(history["force_N"].min())
@@ -60,14 +61,14 @@ def test_the_peak_force_is_the_one_of_largest_size() -> None:
 
 
 def test_boundaries_between_two_steps_share_the_loss_out() -> None:
-    found = cycles(spring_and_damper(np.linspace(0, 2 * PERIOD, 1009)), TWO)
+    found = cycles(spring_and_damper(2, 1009), TWO)
     assert found[0].dissipated == pytest.approx(LOSS, rel=1e-3)
     assert found[0].loop_area == pytest.approx(LOSS, rel=2e-3)
     assert sum(cycle.dissipated for cycle in found) == pytest.approx(2 * LOSS, rel=1e-12)
 
 
 def test_a_cycle_that_the_run_did_not_finish_says_so() -> None:
-    history = spring_and_damper(np.linspace(0, 1.5 * PERIOD, 601))
+    history = spring_and_damper(1.5, 601)
     found = cycles(history, [*TWO, (2 * PERIOD, 3 * PERIOD)])
     assert [cycle.complete for cycle in found] == [True, False]
     assert found[1].end == 2 * PERIOD
@@ -75,24 +76,24 @@ def test_a_cycle_that_the_run_did_not_finish_says_so() -> None:
 
 
 def test_a_run_that_ends_a_rounding_error_early_has_finished_its_cycle() -> None:
-    history = spring_and_damper(np.linspace(0, PERIOD * (1 - 1e-15), 101))
+    history = spring_and_damper(1 - 1e-15, 101)
     assert [c.complete for c in cycles(history, TWO)] == [True]
 
 
 def test_what_comes_before_and_between_cycles_belongs_to_none() -> None:
-    history = spring_and_damper(np.linspace(0, 3 * PERIOD, 1201))
+    history = spring_and_damper(3, 1201)
     (found,) = cycles(history, [(PERIOD, 2 * PERIOD)])
     assert (found.start, found.end) == (PERIOD, 2 * PERIOD)
     assert found.dissipated == pytest.approx(LOSS, rel=1e-9)
 
 
 def test_a_run_without_a_step_has_no_cycles() -> None:
-    assert cycles(spring_and_damper(np.zeros(1)), TWO[:1]) == []
+    assert cycles(spring_and_damper(0, 1), TWO[:1]) == []
 
 
 def test_the_figures_of_a_spring_beside_a_damper() -> None:
-    history = spring_and_damper(np.linspace(0, 2 * PERIOD, 4001))
-    for number, cycle in enumerate(cycles(history, [(0, PERIOD), (PERIOD, 2 * PERIOD)])):
+    history = spring_and_damper(2, 4001)
+    for number, cycle in enumerate(cycles(history, TWO)):
         stored = STIFFNESS / 2 * AMPLITUDE**2
         assert cycle.peak_time == pytest.approx((number + 0.5) * PERIOD)
         assert cycle.secant_stiffness == pytest.approx(STIFFNESS)  # no speed at either end
@@ -111,7 +112,7 @@ def test_the_figures_of_a_spring_beside_a_slider() -> None:
 
 
 def test_the_reversal_is_farthest_from_where_the_cycle_began() -> None:
-    history = spring_and_damper(np.linspace(0, PERIOD, 401))
+    history = spring_and_damper(1, 401)
     history["displacement_m"] = 2 * AMPLITUDE - history["displacement_m"]
     (cycle,) = cycles(history, [(0, PERIOD)])
     assert cycle.peak_displacement == pytest.approx(AMPLITUDE)
@@ -119,7 +120,7 @@ def test_the_reversal_is_farthest_from_where_the_cycle_began() -> None:
 
 
 def test_what_means_nothing_is_none() -> None:
-    history = spring_and_damper(np.linspace(0, 0.75 * PERIOD, 301))
+    history = spring_and_damper(0.75, 301)
     assert cycles(history, [(0, PERIOD)])[0].loss_ratio is None  # half a loop has no area
     still = history | {"displacement_m": 0 * history["time_s"], "energy_J": 0 * history["time_s"]}
     (cycle,) = cycles(still, [(0, 0.75 * PERIOD)])

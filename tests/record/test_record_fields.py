@@ -9,6 +9,7 @@ import pytest
 from mpi4py import MPI
 
 from tests.record.light_reader import BrokenFileError, read
+from tests.report.sample import on_lattices
 from wovenfab.record.fields import FieldSeries, Lattice, read_fields
 
 UNITS = {"displacement_1": "m", "beta": "m", "shear_angle": "rad"}
@@ -24,9 +25,7 @@ def corners(cells: np.ndarray) -> np.ndarray:
 
 
 def points(cells: np.ndarray) -> np.ndarray:
-    x = LATTICE.points
-    shape = np.column_stack([1 - x.sum(axis=1), x])
-    return np.einsum("pk,ckd->cpd", shape, corners(cells)).reshape(-1, 2)
+    return on_lattices(LATTICE, corners(cells))
 
 
 def data(cells: np.ndarray, time: float) -> dict[str, np.ndarray]:
@@ -60,6 +59,8 @@ def test_fields_come_back_to_the_last_bit(tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored.triangles(), LATTICE.connectivity(CELLS))
     for name, values in data(cells, 0.5).items():
         np.testing.assert_array_equal(stored.field(name, 1), values)
+    with h5py.File(tmp_path / "fields.h5") as file:
+        assert {n: d.attrs["unit"] for n, d in file["steps/000001"].items()} == UNITS
 
 
 def test_each_time_names_mesh_and_all_fields_itself(tmp_path: Path) -> None:
@@ -73,12 +74,6 @@ def test_each_time_names_mesh_and_all_fields_itself(tmp_path: Path) -> None:
         np.testing.assert_array_equal(frame["displacement_1"][:, :2], expected["displacement_1"])
         np.testing.assert_array_equal(frame["displacement_1"][:, 2], 0)
         np.testing.assert_array_equal(frame["beta"], expected["beta"])
-
-
-def test_the_unit_of_each_field_is_stored(tmp_path: Path) -> None:
-    serial(tmp_path)
-    with h5py.File(tmp_path / "fields.h5") as file:
-        assert {n: d.attrs["unit"] for n, d in file["steps/000001"].items()} == UNITS
 
 
 BREAKS = {
@@ -129,30 +124,27 @@ def test_writing_goes_on_while_somebody_reads(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "time", "message"),
     [
-        (lambda d: d["beta"].__setitem__(5, np.nan), "not finite"),
-        (lambda d: d.pop("beta"), "announced"),
-        (lambda d: d.update(gamma=d["beta"]), "announced"),
-        (lambda d: d.update(beta=d["beta"][1:]), "shape"),
-        (lambda d: d.update(beta=d["displacement_1"]), "shapes of the series"),
+        (lambda d: d["beta"].__setitem__(5, np.nan), 1.0, "not finite"),
+        (lambda d: d.pop("beta"), 1.0, "announced"),
+        (lambda d: d.update(gamma=d["beta"]), 1.0, "announced"),
+        (lambda d: d.update(beta=d["beta"][1:]), 1.0, "shape"),
+        (lambda d: d.update(beta=d["displacement_1"]), 1.0, "shapes of the series"),
+        (lambda d: None, 0.5, "comes after"),
     ],
 )
-def test_bad_data_are_refused_and_the_files_stay_good(tmp_path: Path, change, message: str) -> None:
+def test_bad_data_are_refused_and_the_files_stay_good(
+    tmp_path: Path, change, time: float, message: str
+) -> None:
     series = serial(tmp_path)
-    bad = data(np.arange(CELLS), 1.0)
+    bad = data(np.arange(CELLS), time)
     change(bad)
     with pytest.raises(ValueError, match=message):
-        series.write(2, 1.0, bad)
+        series.write(2, time, bad)
     assert len(read(tmp_path / "fields.xdmf")) == 2
     series.write(2, 1.0, data(np.arange(CELLS), 1.0))
     assert len(read(tmp_path / "fields.xdmf")) == 3
-
-
-def test_the_times_must_grow(tmp_path: Path) -> None:
-    series = serial(tmp_path)
-    with pytest.raises(ValueError, match="comes after"):
-        series.write(2, 0.5, data(np.arange(CELLS), 0.5))
 
 
 @pytest.mark.parametrize(

@@ -12,27 +12,20 @@ from wovenfab.record.results import (
 )
 
 
-def test_a_new_directory_is_made_with_its_parents(tmp_path: Path) -> None:
+def test_a_directory_is_made_with_its_parents_or_taken_if_empty(tmp_path: Path) -> None:
     assert open_results(tmp_path / "results" / "a").is_dir()
-
-
-def test_an_existing_empty_directory_is_taken(tmp_path: Path) -> None:
-    assert open_results(tmp_path) == tmp_path
+    (tmp_path / "empty").mkdir()
+    assert open_results(tmp_path / "empty") == tmp_path / "empty"
 
 
 def test_results_are_refused_a_second_time_with_both_remedies(tmp_path: Path) -> None:
-    open_results(tmp_path)
-    with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
-        open_results(tmp_path)
-
-
-def test_a_directory_is_refused_early_without_a_trace(tmp_path: Path) -> None:
     require_free(tmp_path / "results")
     assert not (tmp_path / "results").exists()
-    used = open_results(tmp_path / "used")
+    used = open_results(tmp_path / "results")
     (used / FILES[0]).write_text("old")
-    with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
-        require_free(used)
+    for refusing in (open_results, require_free):
+        with pytest.raises(ResultsExistError, match=r"-o.*--overwrite"):
+            refusing(used)
     require_free(used, overwrite=True)
     assert (used / FILES[0]).read_text() == "old"
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import pytest
-from mpi4py import MPI
 
 from tests.report.sample import make
 
@@ -18,9 +17,3 @@ def two(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def small(tmp_path: Path) -> Path:
     """One cycle of a sheet with one placement, for tests that spoil it."""
     return make(tmp_path / "small", amplitudes=[0.03], placements=1, every=40)
-
-
-@pytest.fixture
-def shared_path(tmp_path: Path) -> Path:
-    """Rank 0's temporary directory, on all ranks."""
-    return MPI.COMM_WORLD.bcast(tmp_path, root=0)

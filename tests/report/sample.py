@@ -132,6 +132,12 @@ def mesh(size: float = 0.05) -> Array:
     return np.array(cells)
 
 
+def on_lattices(lattice: Lattice, cells: Array) -> Array:
+    """Return the points (m) of a lattice on each cell, given by its corners: shape (n, 2)."""
+    shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
+    return np.einsum("pk,ckd->cpd", shape, cells).reshape(-1, 2)
+
+
 def cycles(amplitudes: list[float], speed: float = 0.5, count: int = 80) -> tuple[Array, ...]:
     """Return time, displacement and its rate of growing cycles, and the cycles' bounds."""
     periods = np.pi * np.array(amplitudes) / speed
@@ -197,8 +203,7 @@ def make(
     open_results(directory, comm=comm)
     (directory / "case.yaml").write_text(CASE.format(title=json.dumps(title)))
     lattice, corners = Lattice(3), mesh()
-    shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
-    points = np.einsum("pk,ckd->cpd", shape, corners).reshape(-1, 2)
+    points = on_lattices(lattice, corners)
     centres = np.repeat(corners.mean(axis=1), len(lattice.points), axis=0)
     side = np.array([np.sign(centres[:, 1] - centres[:, 0]), np.sign(WIDTH - centres.sum(axis=1))])
     cells = np.arange(len(corners))

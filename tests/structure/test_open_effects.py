@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 from collections.abc import Iterator
@@ -14,10 +13,12 @@ from mpi4py import MPI
 
 import forms
 from forms.catalogue import effects
+from tests.structure.test_installed import CASE as SMALL
 from wovenfab.case import CaseError, json_schema, read_case
 from wovenfab.case.reference import effects_page
 from wovenfab.cli.check import describe
 from wovenfab.record.fields import read_fields
+from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Stopwatch
@@ -25,14 +26,7 @@ from wovenfab.simulation.run import run
 from wovenfab.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
-CASE = """\
-sheet: {length: 0.9 m, width: 0.3 m, fibres: [45 deg, -45 deg]}
-effects: {stretch: {stiffness: 1.27e8 N/m}, shear: {stiffness: 400 N/m}}
-boundary: {left: clamp, right: {displacement: [program, 0]}}
-program: {type: ramp, to: 40 mm, steps: 2}
-discretisation: {degree: 2, mesh_size: 150 mm}
-output: {pictures: false}
-"""
+CASE = f"{SMALL}output: {{pictures: false}}\n"
 
 
 @pytest.fixture
@@ -61,11 +55,6 @@ def results(name: str, text: str, folder: Path) -> Path:
     return directory
 
 
-def column(directory: Path, name: str) -> list[float]:
-    with (directory / "history.csv").open() as stream:
-        return [float(row[name]) for row in csv.DictReader(stream)]
-
-
 @pytest.mark.usefixtures("crimp")
 def test_it_is_in_schema_checks_and_docs(tmp_path: Path) -> None:
     properties = json_schema()["$defs"]["Effects"]["properties"]
@@ -84,10 +73,10 @@ def test_it_is_in_history_and_results_and_acts_like_any_other(crimp: Path, tmp_p
     here, there = (
         results(name, CASE.replace("shear", name), tmp_path) for name in ("shear", "crimp")
     )
-    energies = column(there, "energy_crimp_J")
-    assert energies[-1] > 0
-    assert energies == pytest.approx(column(here, "energy_shear_J"), rel=1e-10)
-    assert column(there, "force_N") == pytest.approx(column(here, "force_N"), rel=1e-8)
+    shear, crimp = read_history(here), read_history(there)
+    assert crimp["energy_crimp_J"][-1] > 0
+    assert crimp["energy_crimp_J"] == pytest.approx(shear["energy_shear_J"], rel=1e-10)
+    assert crimp["force_N"] == pytest.approx(shear["force_N"], rel=1e-8)
     assert "crimp:" in (there / "case.yaml").read_text()
     assert json.loads((there / "summary.json").read_text())["outcome"] == "finished"
     angles = [read_fields(directory).field("shear_angle", -1) for directory in (here, there)]
