@@ -90,6 +90,13 @@ def test_any_text_is_a_finite_number_or_refused(text: str, unit: str) -> None:
         assert math.isfinite(value)
 
 
+@pytest.mark.parametrize("unit", ["N/m", "N/m^2", "m"])
+def test_newton_metres_without_a_sign_between_are_refused(unit: str) -> None:
+    """Versions of pint read ``Nm`` as other units, or not at all: never as newtons or metres."""
+    with pytest.raises(ValueError, match="Nm"):
+        units.parse("400 Nm", unit)
+
+
 def test_importing_the_case_does_not_import_pint() -> None:
     code = "import sys, wovenfab.case; sys.exit('pint' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
