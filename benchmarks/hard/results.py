@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import sys
 from collections.abc import Mapping
@@ -16,7 +17,7 @@ from benchmarks.hard.families import row_named
 from benchmarks.hard.row import Figures, Row
 from wovenfab.record.results import this_process
 from wovenfab.simulation.progress import peak_memory
-from wovenfab.study.runner import Command, execute, fingerprint
+from wovenfab.study.runner import Command, code, execute
 
 ROOT = Path(__file__).parents[2]
 _HARD = Path(__file__).parent
@@ -58,8 +59,15 @@ class Result:
 
 
 def row_fingerprint(row: Row) -> str:
-    """Return what the figures of a row depend on."""
-    return fingerprint(row.setting.case, *SOURCES)
+    """Return what the figures of a row depend on: code, case files and changes.
+
+    The case is not read: some rows add an effect of their own only when they are run.
+    """
+    setting = row.setting
+    files = [p for folder in ("configs", "meshes") for p in (ROOT / folder).glob("*.*")]
+    texts = [code(*SOURCES), setting.base, *setting.overrides]
+    texts += [path.read_text(encoding="utf-8") for path in sorted(files)]
+    return hashlib.sha256("\0".join(texts).encode()).hexdigest()[:16]
 
 
 def run_row(row: Row, quick: bool) -> Result:

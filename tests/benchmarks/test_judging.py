@@ -156,3 +156,11 @@ def test_a_grid_of_slivers_has_the_angle_it_is_made_with_and_covers_the_rectangl
     assert {name: len(e) for name, e in grid.edges.items()} == {
         "bottom": 9, "right": 3, "top": 9, "left": 3
     }  # fmt: skip
+
+
+def test_every_row_has_a_fingerprint_and_its_quick_version_another() -> None:
+    rows = [row for family in families() for row in family.rows]
+    assert len(rows) == 60
+    for row in rows:
+        quick = row_fingerprint(row.small())
+        assert (quick != row_fingerprint(row)) == bool(row.quick)
