@@ -12,8 +12,10 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,9 +25,11 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
-from wovenfab.record.results import open_results, require_free
+from wovenfab.record.results import ResultsDirectory
 from wovenfab.record.summary import read_summary
+from wovenfab.simulation.checkpoint import load_checkpoint, require_same
 from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.interruption import Interruption
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
 from wovenfab.simulation.simulation import Outcome, Simulation
@@ -206,6 +210,9 @@ def execute(
     comm: MPI.Comm = MPI.COMM_WORLD,
     listener: Listener | None = None,
     watch: Stopwatch | None = None,
+    resume: bool = False,
+    until: float = inf,
+    interruption: Interruption | None = None,
 ) -> Execution:
     """Run a case; collective.
 
@@ -216,41 +223,55 @@ def execute(
         comm: The ranks.
         listener: Who is told what happens.
         watch: Gets the wall times of the phases.
+        resume: Go on from the newest checkpoint in the directory.
+        until: Time (s) at or after which the run pauses.
+        interruption: Notes signals; None to leave them alone.
 
     Raises:
         CaseError: If the geometry or an effect of the case cannot be used.
         ResultsExistError: If the directory has results that must not be replaced.
+        NothingToResumeError: If the case cannot go on from there.
         OSError: If the directory cannot be written.
     """
-    listener, watch = listener or Listener(), watch or Stopwatch()
-    if directory is not None:
-        require_free(directory, overwrite, comm)
-    with watch.phase("mesh"):
-        sheet = sheet_of(case, comm)
-    progress, planned, accuracy = listener.progress, None, case.accuracy
-    if accuracy is not None:
-        from wovenfab.study.target_accuracy.choice import choose
-
-        with watch.phase("pilot"):
-            planned = choose(case, sheet, listener.say, lambda text: progress(Progress(text)))
-        case, sheet = planned.case, planned.sheet
-    progress(Progress("compiling the effects"))
-    with watch.phase("compile"):
-        simulation = Simulation(case, sheet)
-    with simulation:
+    listener, watch, checkpoint = listener or Listener(), watch or Stopwatch(), None
+    with ExitStack() as stack:
+        place = None
         if directory is not None:
-            open_results(directory, overwrite, comm)
-        outcome, columns, summary = run(simulation, directory, progress, watch)
-    if planned is not None and accuracy is not None:
-        from wovenfab.study.target_accuracy.choice import report_errors
+            place = stack.enter_context(ResultsDirectory(directory, comm))
+            if resume:
+                checkpoint = load_checkpoint(directory, comm)
+                place.reopen()
+                require_same(case, checkpoint, directory)
+                listener.say(f"going on after step {checkpoint.step} at {checkpoint.time:.6g} s")
+            else:
+                place.require_free(overwrite)
+        with watch.phase("mesh"):
+            sheet = sheet_of(case, comm)
+        progress, planned, accuracy = listener.progress, None, case.accuracy
+        if accuracy is not None:
+            from wovenfab.study.target_accuracy.choice import choose
 
-        summary = report_errors(planned, accuracy, summary, directory, listener.say)
-    if directory is not None and case.output.pictures:
-        from wovenfab.report import draw_in_subprocess
+            with watch.phase("pilot"):
+                planned = choose(case, sheet, listener.say, lambda text: progress(Progress(text)))
+            case, sheet = planned.case, planned.sheet
+        progress(Progress("compiling the effects"))
+        with watch.phase("compile"):
+            simulation = stack.enter_context(Simulation(case, sheet))
+        if place is not None and checkpoint is None:
+            place.open(overwrite)
+        outcome, columns, summary = run(
+            simulation, directory, progress, watch, checkpoint, until, interruption
+        )
+        if planned is not None and accuracy is not None:
+            from wovenfab.study.target_accuracy.choice import report_errors
 
-        warning = draw_in_subprocess(directory, comm).warning
-        if warning is not None:
-            listener.say(f"warning: {warning}")
+            summary = report_errors(planned, accuracy, summary, directory, listener.say)
+        if directory is not None and case.output.pictures and not outcome.signal:
+            from wovenfab.report import draw_in_subprocess
+
+            warning = draw_in_subprocess(directory, comm).warning
+            if warning is not None:
+                listener.say(f"warning: {warning}")
     return Execution(case, outcome, columns, summary)
 
 

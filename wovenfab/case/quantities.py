@@ -214,6 +214,35 @@ class Quantity(_Scalar):
 
 
 @dataclass(frozen=True)
+class Interval(Quantity):
+    """A duration as text with its unit, a number of steps as a whole number, or false."""
+
+    def read(self, value: Any) -> Any:
+        """Return seconds as a float, steps as an int, or False."""
+        if value is False:
+            return value
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            remedy = "For example '5 min', 100 for every 100 steps, or false."
+            raise wrong(f"expected a duration or a number of steps, got {describe(value)}", remedy)
+        if isinstance(value, int):
+            self.check(value, value)
+            return value
+        return self.number(value)
+
+    def write(self, value: Any) -> Any:
+        """Return text with the unit of a duration, and what else there is as it is."""
+        return units.write(value, self.unit) if isinstance(value, float) else value
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Describe the three."""
+        steps = {"type": "integer", "description": "a number of steps", "minimum": 1}
+        text = {"type": "string", "description": "a duration with its unit"}
+        return {"anyOf": [text, steps, {"const": False}]}
+
+
+@dataclass(frozen=True)
 class Count(_Scalar):
     """A whole number."""
 

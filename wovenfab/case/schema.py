@@ -20,7 +20,15 @@ from pydantic import (
 from forms.effect import Needs
 from wovenfab.case.document import existing_file, folder_of
 from wovenfab.case.errors import describe, wrong
-from wovenfab.case.quantities import Angle, AtLeastOne, Count, Quantity, Section, Size
+from wovenfab.case.quantities import (
+    Angle,
+    AtLeastOne,
+    Count,
+    Interval,
+    Quantity,
+    Section,
+    Size,
+)
 
 GEOMETRIES = (".geo", ".msh")
 #: Smallest |sin| of the angle between the families.
@@ -202,3 +210,9 @@ class Output(Section):
 
     pictures: Annotated[bool, Field(strict=True)] = True
     """Whether pictures are drawn at the end."""
+
+    checkpoint: Annotated[float | int | bool, Interval(unit="s", above=0)] = Field(
+        default=300.0, examples=["5 min", 100, False]
+    )
+    """Wall time or number of steps between checkpoints, from which a run can go on; one more is
+    written at the end. False for none."""

@@ -56,6 +56,35 @@ SweepOutput = Annotated[
     Path | None,
     _directory("Directory of all results; results/<name of the first file>-sweep unless given."),
 ]
+Until = Annotated[
+    str | None,
+    typer.Option(
+        "--until",
+        metavar="TIME",
+        show_default=False,
+        help='Pause at this time of the program, as in --until "12 s"; resume goes on.',
+    ),
+]
+Verbose = Annotated[
+    int,
+    typer.Option(
+        "-v",
+        "--verbose",
+        count=True,
+        show_default=False,
+        help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
+    ),
+]
+Log = Annotated[
+    Path | None,
+    typer.Option("--log", show_default=False, help="Write all of that, with times, to a file."),
+]
+Petsc = Annotated[
+    list[str] | None,
+    typer.Argument(
+        help="PETSc options after a double dash, as in -- -snes_monitor.", show_default=False
+    ),
+]
 Page = Annotated[
     Path | None,
     _directory("Page of several runs; comparison.html in the folder that holds them all."),
@@ -97,35 +126,46 @@ def run(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace the results of an earlier run there.")
     ] = False,
-    verbose: Annotated[
-        int,
-        typer.Option(
-            "-v",
-            "--verbose",
-            count=True,
-            show_default=False,
-            help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
-        ),
-    ] = 0,
-    log: Annotated[
-        Path | None,
-        typer.Option("--log", show_default=False, help="Write all of that, with times, to a file."),
-    ] = None,
-    petsc: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="PETSc options after a double dash, as in -- -snes_monitor.", show_default=False
-        ),
-    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on where an earlier run of the case has stopped.")
+    ] = False,
+    until: Until = None,
+    verbose: Verbose = 0,
+    log: Log = None,
+    petsc: Petsc = None,
 ) -> None:
     """Run a case: history.csv, fields.xdmf, summary.json and pictures in a directory.
 
-    Exit code 0: finished; 2: the case or the directory cannot be used; 3: a step
-    could not be made or the sheet buckled, and all results before it are in the directory.
+    Exit code 0: finished; 2: the case or the directory cannot be used; 3: a step could not be
+    made or the sheet buckled; 4: results could not be written; 130 or 143: interrupted. All
+    results before that are in the directory.
     """
-    from wovenfab.cli.run import run_case
+    from wovenfab.cli.run import Options, run_case
 
-    sys.exit(run_case(case, output, overrides or [], overwrite, petsc or [], verbose, log))
+    options = Options(overwrite, resume, until, tuple(petsc or ()), verbose, log)
+    sys.exit(run_case(case, output, overrides or [], options))
+
+
+@app.command()
+def resume(
+    directory: Annotated[
+        Path, typer.Argument(help="The results directory of the run.", show_default=False)
+    ],
+    overrides: Overrides = None,
+    until: Until = None,
+    verbose: Verbose = 0,
+    log: Log = None,
+    petsc: Petsc = None,
+) -> None:
+    """Go on with a run that was stopped, from its newest checkpoint; on any number of ranks.
+
+    A finished run goes on with a longer program: --set "program.amplitudes=[20 mm, 40 mm]".
+    Exit codes as of run.
+    """
+    from wovenfab.cli.run import Options, run_case
+
+    options = Options(False, True, until, tuple(petsc or ()), verbose, log)
+    sys.exit(run_case(directory / "case.yaml", directory, overrides or [], options))
 
 
 @app.command()

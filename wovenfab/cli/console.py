@@ -12,7 +12,10 @@ from wovenfab.simulation.progress import Progress
 
 BAD_INPUT = 2
 FAILED_STEP = 3
-INTERRUPTED = 130
+CANNOT_WRITE = 4
+#: With the number of a signal the exit code of a run that it ended.
+SIGNALLED = 128
+INTERRUPTED = SIGNALLED + 2
 #: Seconds between two lines of progress in a log.
 PAUSE = 5.0
 #: Share of the program below which nobody can say how long the rest will take.

@@ -5,20 +5,26 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
 from pathlib import Path
+from signal import Signals
 from typing import Any
 
 from wovenfab import log
-from wovenfab.case import read_case
+from wovenfab.case import CaseError, read_case, units
+from wovenfab.case.errors import Problem
 from wovenfab.cli.console import (
     BAD_INPUT,
+    CANNOT_WRITE,
     FAILED_STEP,
-    INTERRUPTED,
+    SIGNALLED,
     Console,
     is_first_rank,
-    was_interrupted,
 )
+from wovenfab.record.checkpoint import NothingToResumeError
 from wovenfab.record.results import ResultsExistError
+from wovenfab.simulation.interruption import Interruption, signal_behind
 from wovenfab.simulation.progress import Progress, Stopwatch
 
 SLOW_BLAS = (
@@ -29,14 +35,29 @@ SLOW_BLAS = (
 FAST_BLAS = ("openblas", "mkl", "blis", "libflexiblas")
 
 
+@dataclass(frozen=True)
+class Options:
+    """How a case is run.
+
+    Attributes:
+        overwrite: Replace the results of an earlier run there.
+        resume: Go on with the earlier run there.
+        until: Time at which the run pauses, text with a unit; None for its end.
+        petsc: Options for PETSc.
+        verbosity: How much is logged on the screen: 0 to 2.
+        log_file: Gets the whole log; None for no file.
+    """
+
+    overwrite: bool = False
+    resume: bool = False
+    until: str | None = None
+    petsc: tuple[str, ...] = ()
+    verbosity: int = 0
+    log_file: Path | None = None
+
+
 def run_case(
-    path: Path,
-    output: Path | None,
-    overrides: Sequence[str],
-    overwrite: bool,
-    petsc: Sequence[str],
-    verbosity: int = 0,
-    log_file: Path | None = None,
+    path: Path, output: Path | None, overrides: Sequence[str], options: Options | None = None
 ) -> int:
     """Run a case file and return the exit code; collective.
 
@@ -44,41 +65,77 @@ def run_case(
         path: The case file.
         output: The results directory; ``results/<name of the case>`` if None.
         overrides: Values that replace those of the file.
-        overwrite: Replace the results of an earlier run there.
-        petsc: Options for PETSc.
-        verbosity: How much is logged on the screen: 0 to 2.
-        log_file: Gets the whole log; None for no file.
+        options: How it is run.
     """
-    started = time.perf_counter()
-    case = read_case(path, overrides)
+    started, options = time.perf_counter(), options or Options()
+    case, until = read_case(path, overrides), _seconds(options.until)
     directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
-    with console:
+    with Interruption() as interruption, console:
         try:
-            log.configure(verbosity, log_file, console.log, is_first_rank())
+            log.configure(options.verbosity, options.log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
-            _start_petsc(petsc)
+            _start_petsc(options.petsc)
             from wovenfab.interface import Listener, execute
 
             watch.seconds["import"] = time.perf_counter() - started
             if not _blas_is_fast():
                 console.say(SLOW_BLAS)
-            listener = Listener(console.say, console.progress)
-            run = execute(case, directory, overwrite, listener=listener, watch=watch)
-        except (ResultsExistError, OSError) as error:
-            if _has_begun(watch):
-                raise
+            run = execute(
+                case,
+                directory,
+                options.overwrite,
+                listener=Listener(console.say, console.progress),
+                watch=watch,
+                resume=options.resume,
+                until=until,
+                interruption=interruption,
+            )
+        except (ResultsExistError, NothingToResumeError) as error:
             console.problem(str(error))
             return BAD_INPUT
+        except OSError as error:
+            console.problem(_cannot_write(error, directory, _has_begun(watch)))
+            return CANNOT_WRITE if _has_begun(watch) else BAD_INPUT
         except BaseException as error:
-            if not (was_interrupted(error) and _has_begun(watch)):
+            if not (number := signal_behind(error)):
                 raise
-            console.problem(f"interrupted; the results so far are in {directory}")
-            return INTERRUPTED
+            console.problem(f"{Signals(number).name} before the first step; nothing was written")
+            return SIGNALLED + number
+    go_on = f"'wovenfab resume {directory}' goes on"
+    if run.outcome.signal:
+        name = Signals(run.outcome.signal).name
+        console.problem(f"{name} after step {run.outcome.steps}; {go_on}")
+        return SIGNALLED + run.outcome.signal
     if run.outcome.failure is not None:
         console.problem(f"{run.outcome.failure}; the results before that are in {directory}")
         return FAILED_STEP
+    if run.outcome.paused:
+        console.say(f"paused after step {run.outcome.steps} as asked; {go_on}")
+        return 0
     _report(console, run.summary, directory)
     return 0
+
+
+def _seconds(text: str | None) -> float:
+    """Return a time as it is written on the command line, s; infinite without one."""
+    if text is None:
+        return inf
+    try:
+        return units.parse(text, "s")
+    except ValueError as error:
+        message, remedy = f"expected a time, got {error}", "For example --until '12 s'."
+        raise CaseError([Problem("--until", None, "", message, remedy)]) from error
+
+
+def _cannot_write(error: OSError, directory: Path, begun: bool) -> str:
+    """Return what could not be written, why, and what can be done."""
+    what = f"{error.filename or directory} cannot be written: {error.strerror or error}"
+    if not begun:
+        return what
+    return (
+        f"{what}. The results and the checkpoint before that are in {directory}; make room, then "
+        f"'wovenfab resume {directory}' goes on"
+    )
 
 
 def _has_begun(watch: Stopwatch) -> bool:

@@ -1,8 +1,8 @@
-"""A series of fields in HDF5 and XDMF as one process writes it, complete after every step."""
+"""A series of fields in HDF5 and XDMF, complete after every step whatever happens next."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from os import SEEK_END
 from pathlib import Path
@@ -18,6 +18,8 @@ from wovenfab.record.results import write_whole
 #: Names, without suffix, of the files with the fields of a run, its modes and its errors.
 FIELDS, MODE, ERROR = "fields", "mode", "error"
 DATA = f"{FIELDS}.h5"
+#: Name of the file with the mesh, in the folder of a series.
+MESH = "mesh.h5"
 #: No file lock: a run must go on while somebody looks at its results.
 UNLOCKED: dict[str, Any] = {"locking": False}
 
@@ -69,7 +71,11 @@ def polylines(sizes: Sequence[int]) -> Cells:
 
 
 class FieldFile:
-    """Cells and fields on their points over time; the files are closed between the writes."""
+    """Cells and fields on their points over time.
+
+    Each time is a file of its own in a folder, written whole: neither a killed run nor a full
+    disk can damage the times before. ``name.h5`` joins them by links, as groups of ``/steps``.
+    """
 
     def __init__(
         self,
@@ -79,28 +85,36 @@ class FieldFile:
         points: NDArray[np.float64],
         units: Mapping[str, str],
         moving: bool = False,
+        until: int = -1,
     ) -> None:
-        """Write the mesh.
+        """Write the mesh, or go on with an earlier series.
 
         Args:
             directory: The results directory.
-            name: Name of the two files, without suffix.
+            name: Name of the two files, without suffix, and of the folder.
             cells: How the points are joined.
             points: Points at rest (m), shape (n, 2).
             units: Name and SI unit of each field.
             moving: Whether each time has points of its own, as the field ``points``; if not,
                 all share ``/mesh/points``.
+            until: Last step of an earlier series that is kept; negative for none.
         """
         self._data, self._text = directory / f"{name}.h5", directory / f"{name}.xdmf"
         self._cells, self._count, self._moving = cells, len(points), moving
-        self._units = dict(units)
+        self._units, self._folder = dict(units), directory / name
         self._vectors: dict[str, bool] = {}
+        self._steps: list[int] = []
         self._last: float | None = None  # time, s
-        with h5py.File(self._data, "w", **UNLOCKED) as file:
+
+        def fill(file: h5py.File) -> None:
             mesh = file.create_group("mesh")
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
             mesh.create_dataset(cells.name, data=cells.connectivity, **_PACK)
-            file.create_group("steps")
+
+        self._folder.mkdir(exist_ok=True)
+        write_whole(self._folder / MESH, hdf5_image(fill))
+        self._keep(until)
+        self._join()
 
     def add(self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]) -> None:
         """Write one time (s): first the data, then the XDMF that refers to them.
@@ -117,37 +131,69 @@ class FieldFile:
         same = self._last is None or vectors == self._vectors
         if not same or any(len(values) != self._count for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
-        where = f"/steps/{step:06d}"
-        with h5py.File(self._data, "r+", **UNLOCKED) as file:
-            group = file.create_group(where)
+
+        def fill(file: h5py.File) -> None:
             for name, values in fields.items():
                 data = _padded(values) if vectors[name] else values
-                group.create_dataset(name, data=data, **_PACK).attrs["unit"] = self._units[name]
-            group.attrs.update(step=step, time=time)  # last: marks the step as complete
-        self._append(self._frame(time, where, vectors))
+                file.create_dataset(name, data=data, **_PACK).attrs["unit"] = self._units[name]
+            file.attrs.update(step=step, time=time)
+
+        write_whole(self._folder / _file_of(step), hdf5_image(fill))
+        self._steps.append(step)
+        self._join()
+        self._append(self._frame(time, step, vectors))
         self._vectors, self._last = vectors, time
 
-    def _frame(self, time: float, group: str, vectors: Mapping[str, bool]) -> str:
+    def _keep(self, until: int) -> None:
+        """Take over the times of an earlier series; remove those after a step."""
+        for path in sorted(self._folder.glob("[0-9]*.h5")):
+            step = int(path.stem)
+            if step > until:
+                path.unlink()
+                continue
+            with h5py.File(path, "r", **UNLOCKED) as file:
+                time = float(file.attrs["time"])
+                vectors = {name: data.ndim == 2 for name, data in file.items()}
+            self._steps.append(step)
+            self._append(self._frame(time, step, vectors))
+            self._vectors, self._last = vectors, time
+
+    def _join(self) -> None:
+        """Write the file that has the mesh and all times as links."""
+
+        def fill(file: h5py.File) -> None:
+            folder = self._folder.name
+            file["mesh"] = h5py.ExternalLink(f"{folder}/{MESH}", "/mesh")
+            steps = file.create_group("steps")
+            for step in self._steps:
+                steps[f"{step:06d}"] = h5py.ExternalLink(f"{folder}/{_file_of(step)}", "/")
+
+        write_whole(self._data, hdf5_image(fill))
+
+    def _frame(self, time: float, step: int, vectors: Mapping[str, bool]) -> str:
         """Return the XDMF text of one time.
 
         Each frame has topology, geometry and all attributes itself, without references:
         ParaView's first reader crashes on the form with ``xi:include``, and the other two
         split the fields over blocks when each has a collection of its own. ``vectors`` says
-        of each field in the HDF5 group whether it has three components.
+        of each field of the step whether it has three components.
         """
+        data = _file_of(step)
         grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
         ET.SubElement(grid, "Time", Value=repr(time))
         cells = {"TopologyType": self._cells.kind, "NumberOfElements": str(self._cells.count)}
         topology = ET.SubElement(grid, "Topology", cells)
-        self._item(topology, f"/mesh/{self._cells.name}", self._cells.connectivity.shape, "Int")
+        self._item(
+            topology, f"{MESH}:/mesh/{self._cells.name}", self._cells.connectivity.shape, "Int"
+        )
         geometry = ET.SubElement(grid, "Geometry", GeometryType="XYZ")
-        place = group if self._moving else "/mesh"
+        place = f"{data}:" if self._moving else f"{MESH}:/mesh"
         self._item(geometry, f"{place}/points", (self._count, 3))
         for name in (name for name in vectors if name != "points"):
             kind = "Vector" if vectors[name] else "Scalar"
             shape = (self._count, 3) if vectors[name] else (self._count,)
             about = {"Name": name, "AttributeType": kind, "Center": "Node"}
-            self._item(ET.SubElement(grid, "Attribute", about), f"{group}/{name}", shape)
+            self._item(ET.SubElement(grid, "Attribute", about), f"{data}:/{name}", shape)
         ET.indent(grid, level=_LEVEL)
         return 2 * _LEVEL * " " + ET.tostring(grid, encoding="unicode") + "\n"
 
@@ -158,7 +204,7 @@ class FieldFile:
         item = ET.SubElement(
             parent, "DataItem", Dimensions=size, NumberType=kind, Precision="8", Format="HDF"
         )
-        item.text = f"{self._data.name}:{where}"
+        item.text = f"{self._folder.name}/{where}"
 
     def _append(self, frame: str) -> None:
         """Add a frame at the end of the XDMF, without rewriting the thousands before it."""
@@ -166,8 +212,31 @@ class FieldFile:
             write_whole(self._text, _HEAD + frame + _TAIL)
             return
         with self._text.open("r+b", buffering=0) as file:  # one write: readers find it whole
-            file.seek(-len(_TAIL.encode()), SEEK_END)
-            file.write((frame + _TAIL).encode())
+            end = file.seek(-len(_TAIL.encode()), SEEK_END)
+            try:
+                file.write((frame + _TAIL).encode())
+            except OSError:  # as of a full disk
+                file.seek(end)
+                file.write(_TAIL.encode())
+                file.truncate()
+                raise
+
+
+def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
+    """Return the content of an HDF5 file, made in memory: HDF5 itself never writes to a disk.
+
+    Args:
+        fill: Fills the open file.
+    """
+    with h5py.File("image", "w", driver="core", backing_store=False) as file:
+        fill(file)
+        file.flush()
+        image: bytes = file.id.get_file_image()
+        return image
+
+
+def _file_of(step: int) -> str:
+    return f"{step:06d}.h5"
 
 
 def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:

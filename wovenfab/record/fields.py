@@ -138,8 +138,9 @@ class FieldSeries:
         cells: NDArray[Any],
         units: Mapping[str, str],
         name: str = FIELDS,
+        until: int = -1,
     ) -> None:
-        """Write the mesh; collective.
+        """Write the mesh, or go on with an earlier series; collective.
 
         Args:
             directory: The results directory.
@@ -149,6 +150,7 @@ class FieldSeries:
             cells: Global number of each cell, shape (cells,); owned cells only, no ghosts.
             units: Name and SI unit of each field that will be written ("1" for none).
             name: Name of the files without suffix.
+            until: Last step of an earlier series that is kept; negative for none.
 
         Raises:
             ValueError: The arrays do not fit together or are not finite; on every rank.
@@ -162,7 +164,9 @@ class FieldSeries:
         def start() -> None:
             assert everything is not None
             mesh = triangles(lattice.connectivity(self._blocks.total))
-            self._file = FieldFile(Path(directory), name, mesh, everything, self._units)
+            self._file = FieldFile(
+                Path(directory), name, mesh, everything, self._units, until=until
+            )
 
         on_root(comm, start)
 

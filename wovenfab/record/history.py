@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from math import fsum, isfinite
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
+from wovenfab.record.results import write_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -65,6 +67,10 @@ class HistoryRows:
         reactions = (f"{edge}_{xy}_N" for edge in self._edges for xy in "xy")
         self.reaction_columns = ("step", "time_s", *reactions)
 
+    def resume(self, history: Mapping[str, NDArray[np.float64]]) -> None:
+        """Go on after the first rows of a history that has these columns."""
+        self._initial_energy = float(history["energy_J"][0])
+
     def row(self, step: Step) -> tuple[list[float], list[float]]:
         """Return the values of a step for the columns of both tables.
 
@@ -104,15 +110,24 @@ class History(AbstractContextManager["History"]):
     """Writes ``history.csv`` and ``reactions.csv``, row by row; rank 0 writes, all call."""
 
     def __init__(
-        self, directory: str | Path, rows: HistoryRows, comm: MPI.Comm | None = None
+        self,
+        directory: str | Path,
+        rows: HistoryRows,
+        comm: MPI.Comm | None = None,
+        until: int = -1,
     ) -> None:
-        """Start both files with their headers; collective.
+        """Start both files with their headers, or go on with earlier ones; collective.
 
         Args:
             directory: The results directory.
             rows: Makes the rows.
             comm: The ranks that call; the world communicator if None.
+            until: Last step of earlier files that is kept; negative for none.
+
+        Raises:
+            ValueError: The earlier files have other columns, or end before that step.
         """
+        self._until = until
         self._comm, self._rows = world() if comm is None else comm, rows
         self._files: list[TextIO] = []
         on_root(self._comm, lambda: self._open(Path(directory)))
@@ -124,6 +139,11 @@ class History(AbstractContextManager["History"]):
             ValueError: As :meth:`HistoryRows.row`; then nothing is written.
         """
         on_root(self._comm, lambda: self._write(step))
+
+    def sync(self) -> None:
+        """Wait until all rows are on the disk; on the rank that writes."""
+        for file in self._files:
+            os.fsync(file.fileno())
 
     def close(self) -> None:
         """Close the files; a second call does nothing."""
@@ -137,9 +157,19 @@ class History(AbstractContextManager["History"]):
     def _open(self, directory: Path) -> None:
         headers = (HISTORY, self._rows.columns), (REACTIONS, self._rows.reaction_columns)
         for name, header in headers:
-            file = (directory / name).open("w", encoding="utf-8", newline="\n")
-            self._files.append(file)
-            _write_row(file, header)
+            kept = self._kept(directory, name, header) if self._until >= 0 else []
+            write_whole(directory / name, "\n".join([",".join(header), *kept, ""]))
+            self._files.append((directory / name).open("a", encoding="utf-8", newline="\n"))
+
+    def _kept(self, directory: Path, name: str, header: Sequence[str]) -> list[str]:
+        """Return the rows of an earlier file, as they are there."""
+        text = (directory / name).read_text(encoding="utf-8").split("\n")
+        rows = text[1 : self._until + 2]
+        if text[0] != ",".join(header) or len(rows) <= self._until:
+            raise ValueError(f"{name} is not of the run that goes on, or ends too early")
+        if name == HISTORY:
+            self._rows.resume(read_history(directory, name))
+        return rows
 
     def _write(self, step: Step) -> None:
         for file, row in zip(self._files, self._rows.row(step), strict=True):

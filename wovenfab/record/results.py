@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import shlex
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
+from errno import EACCES
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self, TextIO
 
 from wovenfab.parallel import on_root, world
 
@@ -23,13 +26,17 @@ COMMAND = "WOVENFAB_COMMAND"
 MARKER = ".wovenfab"
 #: Fingerprint of the input of finished results, where a sweep made them.
 FINGERPRINT = ".fingerprint"
+#: The last two checkpoints of a run.
+CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
+#: Folders of files that wovenfab writes there: the times of series of fields.
+FOLDERS = ("fields", "mode", "error", "yarns")
 #: Every file that wovenfab writes into a results directory, and may replace.
 FILES = (
     *("case.yaml", "summary.json", FINGERPRINT),
     *("history.csv", "reactions.csv", "cycles.csv", "error.csv"),
-    *(f"{name}.{kind}" for name in ("fields", "mode", "error", "yarns") for kind in ("h5", "xdmf")),
+    *(f"{name}.{kind}" for name in FOLDERS for kind in ("h5", "xdmf")),
     *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
-    *("report.html", "open_in_paraview.py"),
+    *("report.html", "open_in_paraview.py", CHECKPOINT, f"{CHECKPOINT}.new", EARLIER_CHECKPOINT),
 )
 
 
@@ -81,6 +88,95 @@ class ResultsExistError(Exception):
     """The directory holds files that must not be overwritten, or cannot be written."""
 
 
+class ResultsDirectory:
+    """A results directory that this run has for itself: no other run may write there.
+
+    A context manager. The lock is the system's on the open marker file, so that a killed run
+    leaves none behind; only rank 0 holds it.
+
+    Attributes:
+        path: The directory.
+    """
+
+    def __init__(self, path: Path, comm: MPI.Comm) -> None:
+        """Lock nothing yet."""
+        self.path, self._comm = path, comm
+        self._lock: TextIO | None = None
+
+    def require_free(self, overwrite: bool = False) -> None:
+        """Raise what :meth:`open` would raise, but change nothing; collective."""
+        on_root(self._comm, lambda: _refuse(self.path, overwrite))
+
+    def open(self, overwrite: bool = False) -> Self:
+        """Prepare it for a new run; collective.
+
+        It is made, with its parents, if missing. With ``overwrite`` the files of an earlier run
+        are removed, and nothing else: a user's own files stay, and a directory that wovenfab did
+        not make is refused all the same.
+
+        Raises:
+            ResultsExistError: The directory is in use or cannot be written.
+        """
+        on_root(self._comm, lambda: self._prepare(overwrite))
+        return self
+
+    def reopen(self) -> Self:
+        """Take the directory of an earlier run as it is; collective.
+
+        Raises:
+            ResultsExistError: Another run writes there, or this one must not.
+        """
+        on_root(self._comm, self._take)
+        return self
+
+    def close(self) -> None:
+        """Let others write there."""
+        if self._lock:
+            self._lock.close()
+            self._lock = None
+
+    def __enter__(self) -> Self:
+        """Return the directory itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let others write there."""
+        self.close()
+
+    def _prepare(self, overwrite: bool) -> None:
+        _refuse(self.path, overwrite)
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._take(new=not overwrite)
+            if overwrite:
+                for folder in FOLDERS:
+                    for file in (self.path / folder).glob("*.h5"):
+                        file.unlink()
+                    with suppress(OSError):  # not there, or with files of the user
+                        (self.path / folder).rmdir()
+                for name in FILES:
+                    (self.path / name).unlink(missing_ok=True)
+                    (self.path / f".{name}.part").unlink(missing_ok=True)
+        except OSError as error:
+            raise _unwritable(self.path, error) from None
+
+    def _take(self, new: bool = False) -> None:
+        """Lock the marker, which a ``new`` directory must not have yet."""
+        try:
+            self._lock = (self.path / MARKER).open("x" if new else "a", encoding="utf-8")
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except FileExistsError:  # another run made it in between
+            raise _exists(self.path) from None
+        except BlockingIOError:
+            self.close()
+            raise ResultsExistError(
+                f"another run is writing into {self.path}; wait for its end, or choose another "
+                "directory with -o"
+            ) from None
+        except OSError as error:
+            raise _unwritable(self.path, error) from None
+
+
 def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> Path:
     """Prepare the results directory for a new run and return it; collective.
 
@@ -91,9 +187,8 @@ def open_results(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
     Raises:
         ResultsExistError: The directory is in use or cannot be written.
     """
-    directory = Path(path)
-    on_root(world() if comm is None else comm, lambda: _prepare(directory, overwrite))
-    return directory
+    with ResultsDirectory(Path(path), world() if comm is None else comm) as directory:
+        return directory.open(overwrite).path
 
 
 def require_free(path: str | Path, overwrite: bool = False, comm: MPI.Comm | None = None) -> None:
@@ -101,11 +196,22 @@ def require_free(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
     on_root(world() if comm is None else comm, lambda: _refuse(Path(path), overwrite))
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Replace a file in one operation: a reader sees the old text or the new one."""
+def write_whole(path: Path, content: str | bytes) -> None:
+    """Replace a file in one operation: a reader sees the old content or the new one.
+
+    It is on the disk when this returns. After an error the old content is still there.
+    """
     part = path.with_name(f".{path.name}.part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        with part.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise
 
 
 def _refuse(directory: Path, overwrite: bool) -> None:
@@ -114,6 +220,9 @@ def _refuse(directory: Path, overwrite: bool) -> None:
             f"{directory} is a file, so no results can be written there; "
             "choose another directory with -o"
         )
+    there = next(p for p in (directory, *directory.absolute().parents) if p.exists())
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise _unwritable(directory, PermissionError(EACCES, os.strerror(EACCES)))
     if not directory.exists() or not any(directory.iterdir()):
         return
     if not (directory / MARKER).exists():
@@ -125,25 +234,15 @@ def _refuse(directory: Path, overwrite: bool) -> None:
         raise _exists(directory)
 
 
-def _prepare(directory: Path, overwrite: bool) -> None:
-    _refuse(directory, overwrite)
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        if overwrite:
-            for name in (*FILES, MARKER):  # the marker last
-                (directory / name).unlink(missing_ok=True)
-                (directory / f".{name}.part").unlink(missing_ok=True)
-        (directory / MARKER).touch(exist_ok=False)
-    except FileExistsError:  # another run made it in between
-        raise _exists(directory) from None
-    except OSError as error:
-        raise ResultsExistError(
-            f"{directory} cannot be written ({error.strerror}); choose another directory with -o"
-        ) from None
+def _unwritable(directory: Path, error: OSError) -> ResultsExistError:
+    return ResultsExistError(
+        f"{directory} cannot be written ({error.strerror}); choose another directory with -o"
+    )
 
 
 def _exists(directory: Path) -> ResultsExistError:
-    return ResultsExistError(
-        f"{directory} already holds results; choose another directory with -o, "
-        "or replace them with --overwrite"
-    )
+    if (directory / "summary.json").exists():
+        remedy = "choose another directory with -o, or replace them with --overwrite"
+        return ResultsExistError(f"{directory} already holds results; {remedy}")
+    remedy = f"go on with 'wovenfab resume {directory}', or replace it with --overwrite"
+    return ResultsExistError(f"{directory} holds a run that did not come to its end; {remedy}")

@@ -157,6 +157,7 @@ def summarise(
     seconds: Mapping[str, float],
     ranks: int,
     losses: Sequence[Mapping[str, float]] = (),
+    parts: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Any]:
     """Return the summary of a run, finished or not.
 
@@ -169,6 +170,7 @@ def summarise(
         seconds: Wall time of each phase (s).
         ranks: Number of MPI ranks.
         losses: Figures of each loss of stability.
+        parts: What was done from the start and from each checkpoint on, in order.
     """
     rows, force = len(history["step"]), history["force_N"]
     iterations = history["newton_iterations"][1:]  # the first row is the initial state
@@ -196,6 +198,7 @@ def summarise(
         "saddles": int((history["negative_eigenvalues"] > 0).sum()),
         "wall_time_s": {phase: float(s) for phase, s in seconds.items()},
         "ranks": ranks,
+        "parts": [dict(part) for part in parts],
         "versions": versions(),
     }
 

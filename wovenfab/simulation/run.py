@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +16,40 @@ from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import preserved
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
+from wovenfab.record.checkpoint import Checkpoint
 from wovenfab.record.field_file import MODE
 from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, HistoryRows, read_history
-from wovenfab.record.results import write_whole
-from wovenfab.record.summary import summarise, write_cycles, write_summary
+from wovenfab.record.results import this_process, write_whole
+from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
+from wovenfab.simulation.checkpoint import Checkpoints
+from wovenfab.simulation.interruption import Interruption
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
 from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step
 
 Columns = dict[str, NDArray[np.float64]]
+#: Counters of an outcome that go on with a run.
+EFFORT = "steps", "iterations", "tangents", "cutbacks"
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a run, from its start or a checkpoint on.
+
+    Attributes:
+        first_step: Number of the step that it began after.
+        ranks: Number of MPI ranks.
+        command, commit: As in ``summary.json``.
+        wall_time_s: Wall time of each phase so far, s.
+    """
+
+    first_step: int
+    ranks: int
+    command: str
+    commit: str
+    wall_time_s: Mapping[str, float]
 
 
 def run(
@@ -32,22 +57,30 @@ def run(
     directory: Path | None,
     progress: Callable[[Progress], None],
     watch: Stopwatch,
+    checkpoint: Checkpoint | None = None,
+    until: float = inf,
+    interruption: Interruption | None = None,
 ) -> tuple[Outcome, Columns, dict[str, Any]]:
     """Run a simulation; collective.
 
-    Everything is on disk as soon as it is known. A step that cannot be made, or stability that
-    is lost, ends the run early with all results so far intact.
+    Everything is on disk as soon as it is known. A step that cannot be made, stability that is
+    lost, or a signal ends the run early with all results so far intact.
 
     Args:
         simulation: The simulation.
-        directory: The results directory, made by ``open_results``; None to write nothing.
+        directory: The results directory, which this run has for itself; None to write nothing.
         progress: Called on every rank with the progress.
         watch: Has the wall times of the phases before this one, and gets the others.
+        checkpoint: Of the run in the directory that goes on; None to begin.
+        until: Time (s) at or after which the run pauses.
+        interruption: Notes signals; None to leave them alone.
 
     Returns:
         How it ended, the columns of the history, and the summary.
     """
     model, program, comm = simulation.model, simulation.program, simulation.comm
+    before = checkpoint.values["run"] if checkpoint else {"parts": [], "outcome": {}, "losses": []}
+    first = checkpoint.step if checkpoint else -1
     rows = HistoryRows(
         [e.name for e in model.effects if not e.dissipative],
         [e.name for e in model.effects if e.dissipative],
@@ -55,47 +88,86 @@ def run(
         simulation.stepper.measures_errors,
     )
     values: list[list[float]] = []
-    observers: list[Observer] = []
-    modes = ModeWriter(simulation, directory)
+    modes = ModeWriter(simulation, directory, before["losses"])
+    observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
+    outcome = Outcome(**before["outcome"])
+    parts = [Part(**part) for part in before["parts"]]
+
+    def parts_so_far() -> list[Part]:
+        origin = this_process(comm.size)
+        seconds = dict(watch.seconds)
+        return [*parts, Part(max(first, 0), comm.size, origin.command, origin.commit, seconds)]
+
+    def count(step: Step) -> None:
+        nonlocal outcome
+        outcome = outcome.after(step)
+
     with ExitStack() as stack:
-        if directory is None:
-            observers = [modes, lambda step: values.append(rows.row(step)[0])]
-        else:
+        checkpoints: Checkpoints | None = None
+        if directory is not None:
             text = simulation.case.to_yaml()
             on_root(comm, lambda: write_whole(directory / "case.yaml", text))
+            on_root(comm, lambda: (directory / SUMMARY).unlink(missing_ok=True))
             with watch.phase("compile"):
-                fields = FieldWriter(simulation, directory)
-            history = stack.enter_context(History(directory, rows, comm))
+                fields = FieldWriter(simulation, directory, first, before.get("planned", -1))
+            history = stack.enter_context(History(directory, rows, comm, first))
 
             def write_fields(step: Step) -> None:
                 with watch.phase("fields"):
                     fields(step)
 
-            observers = [modes, history.append, write_fields]
+            def state() -> dict[str, Any]:
+                effort = {name: getattr(outcome, name) for name in EFFORT}
+                return {
+                    "run": {
+                        "parts": [asdict(part) for part in parts_so_far()],
+                        "outcome": effort,
+                        "losses": modes.figures,
+                        "planned": fields.planned,
+                    }
+                }
+
+            checkpoints = Checkpoints(simulation, directory, state, history.sync)
+
+            def write_checkpoint(step: Step) -> None:
+                with watch.phase("checkpoints"):
+                    checkpoints(step)
+
+            observers = [modes, history.append, write_fields, count, write_checkpoint]
+        if checkpoint is not None:
+            simulation.resume(checkpoint)
         progress(Progress("stepping", unknowns=model.unknowns))
         end = program.milestones[-1].time
         outcome = simulation.run(
             *observers,
             lambda step: progress(Progress("stepping", step.time / end, step, model.unknowns)),
             watch=watch,
+            outcome=outcome,
+            until=until,
+            interruption=interruption,
         )
-    if isinstance(outcome.failure, StabilityLostError):
-        modes.add(outcome.failure.loss)
+        if isinstance(outcome.failure, StabilityLostError):
+            modes.add(outcome.failure.loss)
+        if checkpoints is not None and simulation.stepper.begun:
+            with watch.phase("checkpoints"):
+                checkpoints.write()
     if directory is None:
         columns = dict(
             zip(rows.columns, np.array(values).reshape(-1, len(rows.columns)).T, strict=True)
         )
     else:
         columns = comm.bcast(read_history(directory) if comm.rank == 0 else None)
+    parts = parts_so_far()
     summary = summarise(
         columns,
         program.cycles,
-        outcome="finished" if outcome.failure is None else str(outcome.failure),
+        outcome=str(outcome),
         unknowns=model.unknowns,
         cut_backs=outcome.cutbacks,
-        seconds=watch.seconds,
+        seconds=total(part.wall_time_s for part in parts),
         ranks=comm.size,
         losses=modes.figures,
+        parts=[asdict(part) for part in parts],
     )
     if directory is not None:
         write_summary(directory, summary, comm)
@@ -104,15 +176,32 @@ def run(
     return outcome, columns, summary
 
 
-class FieldWriter:
-    """Writes the chosen fields every so many planned steps, at reversals and at the end."""
+def total(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """Return the wall time (s) of each phase over all parts."""
+    sums: dict[str, float] = {}
+    for part in parts:
+        for phase, seconds in part.items():
+            sums[phase] = sums.get(phase, 0.0) + seconds
+    return sums
 
-    def __init__(self, simulation: Simulation, directory: Path) -> None:
-        """Create the files; collective.
+
+class FieldWriter:
+    """Writes the chosen fields every so many planned steps, at reversals and at the end.
+
+    Attributes:
+        planned: Number of planned steps made so far.
+    """
+
+    def __init__(
+        self, simulation: Simulation, directory: Path, until: int = -1, planned: int = -1
+    ) -> None:
+        """Create the files, or go on with those of an earlier run; collective.
 
         Args:
             simulation: The simulation.
             directory: The results directory.
+            until: Last step of an earlier run whose fields are kept; negative for none.
+            planned: Number of planned steps that it had made; -1 before the initial state.
         """
         case, program = simulation.case, simulation.program
         self._every = case.output.every
@@ -127,15 +216,16 @@ class FieldWriter:
             self._probe.positions().reshape(-1, 2),
             simulation.model.sheet.original_cells[self._probe.cells],
             units,
+            until=until,
         )
-        self._planned = -1
+        self.planned = planned
 
     def __call__(self, step: Step) -> None:
         """Write the fields if the step's turn has come; collective."""
         if step.milestone is None:
             return
-        self._planned += 1
-        if self._planned % self._every and step.milestone.time not in self._always:
+        self.planned += 1
+        if self.planned % self._every and step.milestone.time not in self._always:
             return
         data = {
             name: np.ascontiguousarray(v.reshape(-1, v.shape[2]).squeeze(axis=1))
@@ -155,16 +245,22 @@ class ModeWriter:
             of negative eigenvalues there.
     """
 
-    def __init__(self, simulation: Simulation, directory: Path | None) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        directory: Path | None,
+        figures: Sequence[Mapping[str, float]] = (),
+    ) -> None:
         """Write nothing yet.
 
         Args:
             simulation: The simulation.
             directory: The results directory; None to keep only the figures.
+            figures: Those of an earlier run that goes on.
         """
         self._simulation, self._directory = simulation, directory
         self._files: tuple[FieldProbe, FieldSeries] | None = None
-        self.figures: list[dict[str, float]] = []
+        self.figures = [dict(one) for one in figures]
 
     def __call__(self, step: Step) -> None:
         """Write the loss before a step, if there is one; collective."""
@@ -197,7 +293,9 @@ class ModeWriter:
         units = {f.name: f.unit for f in probe.fields}
         units |= {name.replace("displacement", "mode"): "1" for name in units}
         places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
-        series = FieldSeries(directory, model.comm, lattice, places, cells, units, MODE)
+        series = FieldSeries(
+            directory, model.comm, lattice, places, cells, units, MODE, len(self.figures) - 1
+        )
         return probe, series
 
     def _evaluated(

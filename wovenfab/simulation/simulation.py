@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
+from math import inf
+from signal import Signals
 from types import TracebackType
 from typing import Self
 
@@ -11,7 +14,9 @@ from mpi4py import MPI
 
 from wovenfab.case import Case
 from wovenfab.model.model import Model
+from wovenfab.record.checkpoint import Checkpoint
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.checkpoint import SnapshotFormat
 from wovenfab.simulation.from_case import (
     constraints_of,
     driven_edge,
@@ -20,6 +25,7 @@ from wovenfab.simulation.from_case import (
     program_of_case,
     scheme_of,
 )
+from wovenfab.simulation.interruption import Interruption, signal_behind
 from wovenfab.simulation.progress import Stopwatch
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import Problem, SolverOptions
@@ -110,29 +116,57 @@ class Simulation:
             error = self.driven_force(dict(step.error.forces))[0] if step.error else 0.0
             yield replace(step, force=along, force_transverse=across, force_error=error)
 
-    def run(self, *observers: Observer, watch: Stopwatch | None = None) -> Outcome:
+    def resume(self, checkpoint: Checkpoint) -> None:
+        """Go on from a checkpoint of the same physics and mesh; collective."""
+        values = checkpoint.values["stepper"]
+        self.stepper.resume(SnapshotFormat(self.model).scatter(values, checkpoint.arrays))
+
+    def run(
+        self,
+        *observers: Observer,
+        watch: Stopwatch | None = None,
+        outcome: Outcome | None = None,
+        until: float = inf,
+        interruption: Interruption | None = None,
+    ) -> Outcome:
         """Go through the program; collective.
 
-        A step that cannot be made, or stability that is lost, ends the run early.
+        A step that cannot be made, stability that is lost, or a signal ends the run early.
 
         Args:
             observers: Called in this order after each accepted step.
             watch: Gets the wall time of the steps, the first one apart.
+            outcome: Effort so far of a run that goes on.
+            until: Time (s) at or after which the run pauses.
+            interruption: Notes signals; None to leave them alone.
         """
-        watch = watch or Stopwatch()
-        steps, outcome = self.steps(), Outcome()
+        watch, outcome = watch or Stopwatch(), outcome or Outcome()
+        if interruption is not None:
+            interruption.begin_steps()
+            self.solver.newton.on_iteration = partial(interruption.check, self.comm)
+        steps, phase = self.steps(), "first step"
         while True:
             try:
-                with watch.phase("steps" if self.stepper.started else "first step"):
+                with watch.phase(phase):
                     step = next(steps, None)
             except (StepFailedError, StabilityLostError) as failure:
                 cutbacks = outcome.cutbacks + failure.cutbacks
                 return replace(outcome, failure=failure, cutbacks=cutbacks)
+            except BaseException as error:
+                if not (number := signal_behind(error)):
+                    raise
+                self.stepper.restore()
+                return replace(outcome, signal=number)
             if step is None:
                 return outcome
+            phase = "steps" if step.number else phase
             outcome = outcome.after(step)
             for observe in observers:
                 observe(step)
+            if interruption is not None and (number := interruption.asked(self.comm)):
+                return replace(outcome, signal=number)
+            if step.time >= until and step.time < self.program.milestones[-1].time:
+                return replace(outcome, paused=True)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -158,6 +192,8 @@ class Outcome:
 
     Attributes:
         failure: Why it stopped early, or None.
+        signal: Number of the signal that ended it, or 0.
+        paused: Whether it stopped at a time that was asked for.
         steps: Accepted steps.
         iterations: Their Newton iterations.
         tangents: Number of these that formed a tangent.
@@ -165,6 +201,8 @@ class Outcome:
     """
 
     failure: StepFailedError | StabilityLostError | None = None
+    signal: int = 0
+    paused: bool = False
     steps: int = 0
     iterations: int = 0
     tangents: int = 0
@@ -173,9 +211,14 @@ class Outcome:
     def after(self, step: Step) -> Outcome:
         """Return the outcome with one more step."""
         return Outcome(
-            None,
-            step.number,
-            self.iterations + step.iterations,
-            self.tangents + step.tangents,
-            self.cutbacks + step.cutbacks,
+            steps=step.number,
+            iterations=self.iterations + step.iterations,
+            tangents=self.tangents + step.tangents,
+            cutbacks=self.cutbacks + step.cutbacks,
         )
+
+    def __str__(self) -> str:
+        """Return how the run ended, as in the summary."""
+        if self.signal:
+            return f"interrupted by {Signals(self.signal).name}"
+        return "paused" if self.paused else str(self.failure or "finished")

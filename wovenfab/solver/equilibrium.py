@@ -7,6 +7,7 @@ quadrature points from then on. The factor of the tangent shows whether a soluti
 from __future__ import annotations
 
 import logging
+from collections.abc import Mapping
 from math import sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +101,23 @@ class EquilibriumSolver:
         """Go back to the stress at points of the accepted state."""
         if self.problem.point_stress:
             self.problem.point_stress.restore()
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what later solves depend on."""
+        stress = self.problem.point_stress
+        return {
+            "sharp": self.problem.model is not self._smooth_model,
+            "stress": stress.snapshot() if stress else None,
+            "newton": self.newton.snapshot(),
+        }
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from a snapshot; collective."""
+        if snapshot["sharp"]:
+            self._use_points()
+        if self.problem.point_stress and snapshot["stress"]:
+            self.problem.point_stress.resume(snapshot["stress"])
+        self.newton.resume(snapshot["newton"])
 
     @property
     def spectrum(self) -> TangentSpectrum:

@@ -10,7 +10,7 @@ root is the limit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import basix
@@ -24,6 +24,7 @@ from petsc4py import PETSc
 from forms.kinematics import point_of, point_variation
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model, preserved
+from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.problem import Problem
 
 Reason = PETSc.SNES.ConvergedReason
@@ -269,6 +270,10 @@ ROUND_OFF = 1e-12
 BEHIND = 10.0
 
 
+#: What the judgement of later residuals depends on.
+MEMORY = "_force", "_energy", "_stiffness", "_blur"
+
+
 class Convergence:
     """Judges residuals and steps of Newton's method.
 
@@ -289,6 +294,14 @@ class Convergence:
         self._force = self._energy = 0.0
         # Size of the tangent (N/m), and rounding error of positions (m).
         self._stiffness = self._blur = 0.0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the largest force and energy, and what rounding errors follow from."""
+        return attributes(self, *MEMORY)
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        take_attributes(self, snapshot, *MEMORY)
 
     def measure(self, stiffness: float, farthest: float) -> None:
         """Note the size of a tangent (N/m) and the largest displacement (m) it was formed at."""

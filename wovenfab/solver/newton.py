@@ -14,6 +14,7 @@ the compressive forces that choose a branch; with it the compression case needs 
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -72,6 +73,7 @@ class NewtonSolver:
         tangents: Number of iterations of the last solve that formed a tangent.
         norm: Norm of the residual force at the last iterate, N.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
+        on_iteration: Called at each iterate, on every rank; what it raises ends the solve.
     """
 
     def __init__(
@@ -106,6 +108,7 @@ class NewtonSolver:
         self._search = LineSearch(problem)
         self._length, self._cg = 0.0, 0  # of the last step
         self._most = options.max_iterations
+        self.on_iteration: Callable[[], None] = lambda: None
         self.snes = self._create_snes(prefix)
         start = start_vector(problem.model.placements, problem.constraints.bcs, options.seed)
         self.spectrum = TangentSpectrum(linear, matrix, self.assemble_tangent, start)
@@ -136,6 +139,14 @@ class NewtonSolver:
         self.snes.solve(None, self.solution)
         problem.load(self.solution)
         return int(self.snes.getConvergedReason())
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what later solves depend on."""
+        return {"convergence": self._convergence.snapshot()}
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from a snapshot; collective."""
+        self._convergence.resume(snapshot["convergence"])
 
     @property
     def reason(self) -> str:
@@ -239,6 +250,7 @@ class NewtonSolver:
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """Return PETSc's reason to end the solve, or that it goes on."""
+        self.on_iteration()
         residual = norms[2]
         self._left = residual / self.norm if iteration and self.norm else np.inf
         self.norm = residual

@@ -7,7 +7,7 @@ itself, the corrector adds the centring and the second-order terms that the pred
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import basix
@@ -22,6 +22,7 @@ from petsc4py import PETSc
 from forms.friction import PointFriction
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.model import Model
+from wovenfab.model.snapshot import PointValues
 from wovenfab.solver.interior_point import Increment, InteriorPoint, Target
 from wovenfab.solver.linear import LinearSolver
 
@@ -35,7 +36,7 @@ class _PointRule:
         space = friction.stress.function_space
         mesh = self._mesh = space.mesh
         own = mesh.topology.index_map(2).size_local
-        self._cells = np.arange(own, dtype=np.int32)
+        self.cells = np.arange(own, dtype=np.int32)
         self._dofs = space.dofmap.list[:own]
         self._size = friction.size
         self.friction = friction
@@ -67,7 +68,7 @@ class _PointRule:
         rows[self._dofs] = values.reshape(*self._dofs.shape, self._size)
 
     def _at(self, expression: fem.Expression) -> Array:
-        values: Array = expression.eval(self._mesh, self._cells)
+        values: Array = expression.eval(self._mesh, self.cells)
         return values.ravel()
 
 
@@ -119,6 +120,16 @@ class FrictionPoints:
     def put_tangent(self, values: Array) -> None:
         """Give the forms these tangents d tau/d b."""
         self._put(values, lambda f: f.tangent)
+
+    def by_cell(self, values: Array) -> PointValues:
+        """Return values by friction and cell."""
+        parts = zip(self._rules, self._parts(values), strict=True)
+        return PointValues(tuple(part.reshape(len(rule.cells), -1) for rule, part in parts))
+
+    def of_cells(self, values: PointValues) -> Array:
+        """Return values that were given by friction and cell."""
+        everywhere: Array = np.concatenate([part.ravel() for part in values.parts])
+        return everywhere[self._acting]
 
     def largest(self, values: Array) -> Array:
         """Return for each value the largest absolute one of its friction; collective."""
@@ -211,6 +222,22 @@ class PointStress:
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
         self._set_stress(self._accepted)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the accepted stresses, and the stiffness once it is known."""
+        return {
+            "accepted": self._points.by_cell(self._accepted),
+            "stiffness": None if self._stiffness is None else self._points.by_cell(self._stiffness),
+            "diagonal": self.diagonal,
+        }
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        self._accepted = self._points.of_cells(snapshot["accepted"])
+        if snapshot["stiffness"]:
+            self._stiffness = self._points.of_cells(snapshot["stiffness"])
+        self.diagonal = snapshot["diagonal"]
+        self.restore()
 
     def prepare_force(self, attained: bool) -> None:
         """Give the forms the stresses of the model's present field; collective.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.model.model import preserved
+from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
     from wovenfab.stepping.time_error import StepError
 
 Array = NDArray[np.float64]
+#: Sums over the steps.
+SUMS = "work", "dissipated", "dissipated_error"
 
 
 @dataclass(frozen=True)
@@ -80,6 +83,24 @@ class EnergyBalance:
         """Take the forces of the present state as those at the start of the program."""
         force, load = self._solver.problem.force, self._model.loading.force()
         self.forces = replace(self.forces, force=force, load=load)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the sums, and the forces and error of the last step."""
+        error = asdict(self.error) if self.error else None
+        return {**attributes(self, *SUMS), "forces": asdict(self.forces), "error": error}
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        take_attributes(self, snapshot, *SUMS)
+        forces: dict[str, Any] = {
+            name: value[: self._own] if isinstance(value, np.ndarray) else value
+            for name, value in snapshot["forces"].items()
+        }
+        self.forces = Forces(**forces)
+        if snapshot["error"]:
+            from wovenfab.stepping.time_error import StepError
+
+            self.error = StepError(**snapshot["error"])
 
     def add(self, state: State, until: float, jump: bool, error: StepError | None) -> None:
         """Add a step and finish it; collective.

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.model.model import preserved
+from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
+#: What a later step depends on.
+MEMORY = "time", "number", "states", "steps"
 
 
 class State:
@@ -54,6 +58,15 @@ class State:
     def begin(self) -> None:
         """Take the present state as that at all earlier times, too."""
         self.states = [self._model.field.x.array.copy() for _ in self.states]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the accepted states and when they were."""
+        return attributes(self, *MEMORY)
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from the states of a snapshot."""
+        take_attributes(self, snapshot, *MEMORY)
+        self._model.field.x.array[:] = self.states[0]
 
     def attempt(self, until: float, jump: bool) -> SolveResult:
         """Solve for the stage state of a step; collective.

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from math import ceil, inf
+from typing import Any
+
+from wovenfab.model.snapshot import attributes, take_attributes
 
 #: Share of its length that is left of a failed step, and growth after easy ones.
 CUT, GROWTH = 0.5, 2.0
@@ -10,6 +14,8 @@ CUT, GROWTH = 0.5, 2.0
 EASY, ENOUGH = 3, 5
 #: Round-off of a number of steps.
 SLACK = 1e-9
+#: What a later step depends on.
+MEMORY = "_length", "_before", "_row", "_target"
 
 
 class StepSizeControl:
@@ -30,6 +36,14 @@ class StepSizeControl:
         self._length = self._before = inf
         self._row = 0
         self._target = -inf  # of a bisection, s
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the present lengths."""
+        return attributes(self, *MEMORY)
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with the lengths of a snapshot."""
+        take_attributes(self, snapshot, *MEMORY)
 
     def next(self, now: float, end: float) -> float:
         """Return the time (s) to step to from ``now``, on the way to the planned ``end``."""

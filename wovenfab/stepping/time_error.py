@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.model.model import preserved
+from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 
 Array = NDArray[np.float64]
@@ -68,6 +70,14 @@ class TimeErrorEstimator:
         """
         self._problem, self._tolerance = solver.problem, tolerance
         self._power = self._force = 0.0
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the largest power and force so far."""
+        return attributes(self, "_power", "_force")
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        take_attributes(self, snapshot, "_power", "_force")
 
     def first(self, jump: bool) -> float:
         """Return the length of first steps over a planned one; their error is not known yet.

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
 
 from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -24,7 +25,11 @@ logger = logging.getLogger(__name__)
 
 
 class TimeStepper:
-    """Steps a problem through a load program."""
+    """Steps a problem through a load program.
+
+    Attributes:
+        begun: Whether the initial state has been reached.
+    """
 
     def __init__(
         self,
@@ -64,11 +69,23 @@ class TimeStepper:
         self._state = State(solver, program, scheme, predict)
         self._balance = EnergyBalance(solver, scheme)
         self._cutbacks = 0
+        self._jump = False  # whether the velocity jumps where the next step begins
+        self.begun = False
 
     @property
     def started(self) -> bool:
         """Whether a step has been accepted."""
         return self._state.number > 0
+
+    @property
+    def number(self) -> int:
+        """Number of accepted steps."""
+        return self._state.number
+
+    @property
+    def time(self) -> float:
+        """Time of the last accepted state, s."""
+        return self._state.time
 
     @property
     def measures_errors(self) -> bool:
@@ -91,6 +108,43 @@ class TimeStepper:
             StepFailedError: If a step cannot be made; the field is the last accepted.
             StabilityLostError: If no minimum lies beyond it.
         """
+        if not self.begun:
+            yield self._begin()
+        for start, end in pairwise(self._program.milestones):
+            yield from self._reach(start, end)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what later steps depend on."""
+        error = self._time_error
+        return {
+            "state": self._state.snapshot(),
+            "balance": self._balance.snapshot(),
+            "step_size": self._step_size.snapshot(),
+            "time_error": error.snapshot() if error else None,
+            "solver": self._solver.snapshot(),
+            "jump": self._jump,
+        }
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on from a snapshot: steps begin after it; collective.
+
+        Step size and errors in time begin anew where another control of the error is used.
+        """
+        self._solver.resume(snapshot["solver"])
+        self._state.resume(snapshot["state"])
+        self._balance.resume(snapshot["balance"])
+        if (snapshot["time_error"] is not None) == self.measures_errors:
+            self._step_size.resume(snapshot["step_size"])
+        if self._time_error and snapshot["time_error"]:
+            self._time_error.resume(snapshot["time_error"])
+        self.begun, self._jump = True, snapshot["jump"]
+
+    def restore(self) -> None:
+        """Go back to the last accepted state from within a step."""
+        self._state.restore()
+
+    def _begin(self) -> Step:
+        """Bring the sheet to rest under the program's first value."""
         first = self._program.milestones[0]
         self._state.restore()
         result, self._cutbacks = equilibrate(
@@ -99,20 +153,20 @@ class TimeStepper:
         self._state.begin()
         if result is not None:
             self._balance.begin()
-        yield self._record(result, first)
-        self._cutbacks = 0
-        for start, end in zip(self._program.milestones, self._program.milestones[1:], strict=False):
-            yield from self._reach(start, end)
+        step, self.begun, self._cutbacks = self._record(result, first), True, 0
+        return step
 
     def _reach(self, start: Milestone, end: Milestone) -> Iterator[Step]:
         """Step from one planned time to the next, in shorter steps where needed."""
-        state, step_size, jump = self._state, self._step_size, start.jump
+        state, step_size = self._state, self._step_size
         planned = end.time - start.time
-        if self._time_error is not None and (jump or not state.number):
-            step_size.limit(self._time_error.first(jump) * planned)
+        if state.time == start.time:
+            self._jump = start.jump
+            if self._time_error is not None and (self._jump or not state.number):
+                step_size.limit(self._time_error.first(self._jump) * planned)
         while state.time < end.time:
             until = step_size.next(state.time, end.time)
-            length = until - state.time
+            length, jump = until - state.time, self._jump
             result = state.attempt(until, jump)
             if not state.number:
                 self._check_rest(until, result)
@@ -137,9 +191,10 @@ class TimeStepper:
                 if loss is not None:
                     logger.info("%s; the branch is followed", loss)
                     step_size.bracketed(length)
-                jump = loss is not None
-                yield self._record(result, end if until == end.time else None, loss)
+                self._jump = loss is not None
+                step = self._record(result, end if until == end.time else None, loss)
                 self._cutbacks = 0
+                yield step
                 continue
             self._cutbacks += 1
             logger.info(

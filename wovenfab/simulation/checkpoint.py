@@ -1,0 +1,242 @@
+"""Checkpoints of a simulation: when they are written, and how a run goes on from one.
+
+Values at nodes and points are stored cell by cell, in the order of the mesh as it was made, so
+that neither the partition nor doubled nodes need numbers of their own.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from dolfinx import fem
+from mpi4py import MPI
+from numpy.typing import NDArray
+
+from wovenfab.case import Case, Rectangle
+from wovenfab.model.model import Model
+from wovenfab.model.snapshot import PointValues
+from wovenfab.parallel import from_root, on_root
+from wovenfab.record.checkpoint import (
+    Checkpoint,
+    NothingToResumeError,
+    newest_checkpoint,
+    write_checkpoint,
+)
+from wovenfab.record.fields import Blocks
+from wovenfab.simulation.from_case import program_of_case
+from wovenfab.stepping.step import Step
+
+if TYPE_CHECKING:
+    from wovenfab.simulation.simulation import Simulation
+
+Array = NDArray[np.float64]
+#: Keys that stand for arrays in the tree of plain values.
+ARRAY, POINTS = "array", "points"
+#: Difference of displacements, over the largest one, below which programs are the same.
+SAME = 1e-9
+#: Sections of a case that a run may change when it goes on.
+FREE = {"title", "program", "accuracy", "time", "solver", "output"}
+
+
+class SnapshotFormat:
+    """Turns snapshots of a model into plain values and arrays by cell, and back."""
+
+    def __init__(self, model: Model) -> None:
+        """Exchange the numbers of the cells; collective."""
+        mesh = model.sheet.mesh
+        own = mesh.topology.index_map(2).size_local
+        self._comm, self._cells = mesh.comm, model.sheet.original_cells
+        self._blocks = Blocks(mesh.comm, self._cells[:own])
+        self._nodes, self._own = model.placements.blocks, own
+        self._work = fem.Function(model.space)
+
+    def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
+        """Return plain values and, on rank 0, the arrays of all cells by name; collective."""
+        arrays: dict[str, Array] = {}
+        return self._gathered(snapshot, arrays), arrays
+
+    def scatter(self, values: Any, arrays: Mapping[str, Array]) -> Any:
+        """Return the snapshot of this rank; collective.
+
+        Args:
+            values: Plain values, the same on all ranks.
+            arrays: Those of all cells, on rank 0; not used elsewhere.
+        """
+        if isinstance(values, list):
+            return [self.scatter(value, arrays) for value in values]
+        if not isinstance(values, dict):
+            return values
+        if values.keys() == {ARRAY}:
+            return self._at_nodes(self._rows(values[ARRAY], arrays))
+        if values.keys() == {POINTS}:
+            parts = [self._rows(name, arrays)[: self._own] for name in values[POINTS]]
+            return PointValues(tuple(parts))
+        return {name: self.scatter(value, arrays) for name, value in values.items()}
+
+    def _gathered(self, item: Any, arrays: dict[str, Array]) -> Any:
+        if isinstance(item, np.ndarray):
+            return {ARRAY: self._stored(self._by_cell(item), arrays)}
+        if isinstance(item, PointValues):
+            return {POINTS: [self._stored(part, arrays) for part in item.parts]}
+        if isinstance(item, Mapping):
+            return {name: self._gathered(value, arrays) for name, value in item.items()}
+        if isinstance(item, list | tuple):
+            return [self._gathered(value, arrays) for value in item]
+        return item.item() if isinstance(item, np.generic) else item
+
+    def _stored(self, rows: Array, arrays: dict[str, Array]) -> str:
+        """Gather rows, one a cell, under the next name, which is returned."""
+        name = f"{len(arrays):02d}"
+        everything = self._blocks.gather(rows)
+        arrays[name] = np.empty(0) if everything is None else everything
+        return name
+
+    def _by_cell(self, values: Array) -> Array:
+        """Return the values at each own cell's nodes; ghosts may be left out of ``values``."""
+        self._work.x.array[: values.size] = values
+        if values.size < self._work.x.array.size:
+            self._work.x.scatter_forward()
+        nodes = self._nodes[: self._own]
+        rows: Array = self._work.x.array.reshape(-1, 2)[nodes].reshape(self._own, -1)
+        return rows
+
+    def _at_nodes(self, rows: Array) -> Array:
+        """Return the values at the unknowns with ghosts."""
+        values = np.zeros((self._work.x.array.size // 2, 2))
+        values[self._nodes] = rows.reshape(*self._nodes.shape, 2)
+        return values.ravel()
+
+    def _rows(self, name: str, arrays: Mapping[str, Array]) -> Array:
+        """Return the rows of this rank's cells, ghosts included; collective."""
+        everything = arrays[name] if self._comm.rank == 0 else None
+        shape = self._comm.bcast(None if everything is None else everything.shape)
+        received = np.empty(shape) if everything is None else np.ascontiguousarray(everything)
+        self._comm.Bcast([received, MPI.DOUBLE])
+        return np.asarray(received[self._cells])
+
+
+class Checkpoints:
+    """Writes checkpoints of a run: every so often, and when asked; called after each step."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        directory: Path,
+        more: Callable[[], Mapping[str, Any]],
+        sync: Callable[[], None],
+    ) -> None:
+        """Write nothing yet; collective.
+
+        Args:
+            simulation: The simulation, whose case says how often.
+            directory: The results directory.
+            more: Returns plain values to be kept besides.
+            sync: Puts the rows of the history on the disk; called on rank 0.
+        """
+        self._simulation, self._directory = simulation, directory
+        self._more, self._sync = more, sync
+        self._every = simulation.case.output.checkpoint
+        self._format = SnapshotFormat(simulation.model)
+        self._case = fixed_part(simulation.case)
+        self._steps, self._clock = 0, time.monotonic()
+
+    def __call__(self, step: Step) -> None:
+        """Write one if its turn has come; collective."""
+        self._steps += 1
+        if self._every is False:
+            return
+        if isinstance(self._every, int):
+            due = self._steps >= self._every
+        else:
+            due = bool(self._simulation.comm.bcast(time.monotonic() - self._clock >= self._every))
+        if due:
+            self.write()
+
+    def write(self) -> None:
+        """Write one of the last accepted state; collective."""
+        if self._every is False:
+            return
+        stepper, program = self._simulation.stepper, self._simulation.program
+        made = [m for m in program.milestones if m.time <= stepper.time]
+        values, arrays = self._format.gather(stepper.snapshot())
+        kept = Checkpoint(
+            stepper.number,
+            stepper.time,
+            {
+                "stepper": values,
+                "case": self._case,
+                "program": ([m.time for m in made], [m.displacement for m in made]),
+                **self._more(),
+            },
+            arrays,
+        )
+
+        def write() -> None:
+            self._sync()
+            write_checkpoint(self._directory, kept)
+
+        on_root(self._simulation.comm, write)
+        self._steps, self._clock = 0, time.monotonic()
+
+
+def load_checkpoint(directory: Path, comm: MPI.Comm) -> Checkpoint:
+    """Return the newest checkpoint of a results directory, its arrays on rank 0; collective.
+
+    Raises:
+        NothingToResumeError: There is none.
+    """
+    newest = from_root(comm, lambda: newest_checkpoint(directory), None)
+    plain = comm.bcast(None if newest is None else replace(newest, arrays={}))
+    return newest or plain
+
+
+def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> None:
+    """Refuse a case that cannot go on from a checkpoint.
+
+    Raises:
+        NothingToResumeError: Physics, mesh or a finished part of the program differ.
+    """
+    before, now = checkpoint.values["case"], fixed_part(case)
+    differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+    if not differing and not _has_made(case, checkpoint):
+        differing = [f"program before t = {checkpoint.time:.6g} s"]
+    if differing:
+        raise NothingToResumeError(
+            f"the run in {directory} cannot go on with this case: {' and '.join(differing)} "
+            f"{'differs' if len(differing) == 1 else 'differ'}. Go on with the case as it was, or "
+            "run this one into another directory with -o"
+        )
+
+
+def fixed_part(case: Case) -> dict[str, Any]:
+    """Return what must not change while a run goes on; of files it is what is in them."""
+    dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
+    dump["sheet"].pop("file", None)
+    return {**dump, **contents_of(case)}
+
+
+def contents_of(case: Case) -> dict[str, str]:
+    """Return a digest of each file with an effect or the geometry, by what it is for."""
+    files = {f"the file of effects.{e.name}": e.file for e in case.scene if e.file is not None}
+    if not isinstance(case.sheet, Rectangle):
+        files["the file of the sheet"] = case.sheet.file
+    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
+
+
+def _has_made(case: Case, checkpoint: Checkpoint) -> bool:
+    """Return whether a case has the program of a checkpoint up to its time."""
+    program, (times, displacements) = program_of_case(case), checkpoint.values["program"]
+    largest = max(map(abs, displacements))
+    return bool(
+        program.milestones[-1].time >= checkpoint.time
+        and all(
+            abs(program.displacement(t) - d) <= SAME * largest
+            for t, d in zip(times, displacements, strict=True)
+        )
+    )
