@@ -17,6 +17,7 @@ near its solution, the second step only corrects what the first one left.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Mapping
 from math import inf, isfinite
 from typing import Any
 
@@ -24,6 +25,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
+
+from wovenfab.model.snapshot import attributes, take_attributes
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -40,6 +43,8 @@ OPERATIONS_PER_USE = 40.0
 ACCURACY = 1e-8
 #: Largest number of occasions that are passed over after failures.
 LONGEST_WAIT = 32
+#: Effort of factorisation and solutions so far.
+EFFORT = "_positive", "_cost", "_spent", "_solved", "_last"
 #: A tangent serves again if its step has left at most this share of the residual.
 LEFT = 0.03
 
@@ -65,6 +70,14 @@ class BackOff:
         """Pass over an occasion."""
         self._remaining = max(0, self._remaining - 1)
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return what is passed over."""
+        return attributes(self, "_length", "_remaining")
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with a snapshot."""
+        take_attributes(self, snapshot, "_length", "_remaining")
+
     def reset(self) -> None:
         """Note a success."""
         self._length = self._remaining = 0
@@ -81,6 +94,9 @@ class ConjugateGradients:
     The error in the energy norm is sqrt(r P r) with the residual r and a preconditioner P near
     the inverse. To apply P takes most of the time, so that r P r is estimated from r r by their
     ratio at the iteration before (of the solution before, at the first iteration).
+
+    Attributes:
+        ratio: Of r P r and r r at the last iteration.
     """
 
     def __init__(self, matrix: Any, preconditioner: Any) -> None:
@@ -93,7 +109,7 @@ class ConjugateGradients:
         self._matrix, self._preconditioner = matrix, preconditioner
         residual = matrix.createVecLeft()
         self._vectors = residual, *(residual.duplicate() for _ in range(3))
-        self._ratio = inf  # of r P r and r r
+        self.ratio = inf
 
     def solve(self, b: Any, x: Any, accuracy: float, most: int) -> tuple[bool, int]:
         """Solve A x = b.
@@ -117,7 +133,7 @@ class ConjugateGradients:
         residual.aypx(-1.0, b)
         square, last = residual.dot(residual), inf
         for applied in range(1, most + 1):
-            if self._ratio * square <= allowed or not square:
+            if self.ratio * square <= allowed or not square:
                 return True, applied
             self._preconditioner.apply(residual, preconditioned)
             error = residual.dot(preconditioned)
@@ -131,9 +147,9 @@ class ConjugateGradients:
                 return False, applied + 1
             x.axpy(error / curvature, direction)
             residual.axpy(-error / curvature, image)
-            self._ratio, last = error / square, error
+            self.ratio, last = error / square, error
             square = residual.dot(residual)
-        return self._ratio * square <= allowed, most + 1
+        return self.ratio * square <= allowed, most + 1
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -169,6 +185,7 @@ class LinearSolver:
         counts: Whether the factor counts the negative eigenvalues.
         prefix: Beginning of the names of its PETSc options.
         iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
+        source: What the present matrix was formed from.
     """
 
     def __init__(
@@ -195,6 +212,8 @@ class LinearSolver:
         self._gradients: ConjugateGradients | None = None
         self._begun = False  # PETSc's factor must not be asked for before: that creates one
         self._made = -1  # state of the matrix when it was factorised
+        self.source: Any = None
+        self._source_of_factor: Any = None
         self._cost = 0.0  # of a factorisation, in iterations
         self._spent, self._solved, self._last = 0.0, 0, 0  # since then
         self._back_off = BackOff("an older factor does not precondition well enough")
@@ -263,6 +282,35 @@ class LinearSolver:
             self._begun = False
         self._made, self._solved = -1, 0
 
+    def snapshot(self) -> dict[str, Any]:
+        """Return the effort so far, and what the factor was formed from if it is kept."""
+        kept = self._solved and self.keeps and self.definite and self._cost >= self._keep_from
+        return {
+            "effort": attributes(self, *EFFORT),
+            "back_off": self._back_off.snapshot(),
+            "ratio": self._gradients.ratio if self._gradients else None,
+            "source": self._source_of_factor if kept else None,
+        }
+
+    def resume(self, snapshot: Mapping[str, Any], form: Callable[[Any], None]) -> None:
+        """Go on with a snapshot, and with the factor if that is kept; collective.
+
+        Args:
+            snapshot: Of a linear solver of the same problem.
+            form: Forms the matrix from its source.
+        """
+        if snapshot["source"] is not None:
+            self._positive = snapshot["effort"]["positive"]
+            form(snapshot["source"])
+            self._renew()
+        take_attributes(self, snapshot["effort"], *EFFORT)
+        self._back_off.resume(snapshot["back_off"])
+        if snapshot["ratio"] is not None and self._begun:
+            self._gradients = ConjugateGradients(self._matrix, self._pc)
+            self._gradients.ratio = snapshot["ratio"]
+        if snapshot["source"] is None:
+            self.forget()
+
     def view(self, viewer: Any) -> None:
         """Describe the solver to a PETSc viewer; collective."""
         self._direct.view(viewer)
@@ -293,7 +341,7 @@ class LinearSolver:
             self._positive = False
             self._pc.reset()
             self._factorise()
-        self._made = self._matrix.stateGet()
+        self._made, self._source_of_factor = self._matrix.stateGet(), self.source
         if self.counts:
             entries = self._count_of(ENTRIES)
             entries = entries if entries >= 0 else -1_000_000 * entries  # millions
@@ -339,6 +387,15 @@ class TangentReuse:
         """Begin before any solve."""
         self.taken = False
         self._back_off = BackOff("an older tangent does not reduce the residual enough")
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return what later choices depend on."""
+        return {"taken": self.taken, "back_off": self._back_off.snapshot()}
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with a snapshot."""
+        self.taken = snapshot["taken"]
+        self._back_off.resume(snapshot["back_off"])
 
     def begin(self) -> None:
         """Begin a solve."""

@@ -142,10 +142,19 @@ class NewtonSolver:
 
     def snapshot(self) -> dict[str, Any]:
         """Return what later solves depend on."""
-        return {"convergence": self._convergence.snapshot()}
+        return {
+            "convergence": self._convergence.snapshot(),
+            "reuse": self._reuse.snapshot(),
+            "spectrum": self.spectrum.snapshot(),
+            "linear": self.linear.snapshot(),
+        }
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from a snapshot; collective."""
+        with preserved(*self._tangent_fields, *self._tangent_weights):
+            self.linear.resume(snapshot["linear"], self._form_again)
+        self.spectrum.resume(snapshot["spectrum"])
+        self._reuse.resume(snapshot["reuse"])
         self._convergence.resume(snapshot["convergence"])
 
     @property
@@ -187,7 +196,31 @@ class NewtonSolver:
         self.problem.load(x)
         self._assembled[:] = x.array_r
         size = self.problem.evaluate_tangent(self._matrix)
+        self.linear.source = {
+            "fields": [field.x.array.copy() for field in self._tangent_fields],
+            "weights": [float(weight.value) for weight in self._tangent_weights],
+        }
         self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
+
+    def _form_again(self, source: Mapping[str, Any]) -> None:
+        """Form the tangent from what another one was formed from."""
+        for field, values in zip(self._tangent_fields, source["fields"], strict=True):
+            field.x.array[:] = values
+        for weight, value in zip(self._tangent_weights, source["weights"], strict=True):
+            weight.value = value
+        self.problem.evaluate_tangent(self._matrix)
+
+    @property
+    def _tangent_fields(self) -> tuple[Any, ...]:
+        """The fields that the tangent depends on."""
+        model = self.problem.model
+        return (model.field, model.last, *model.history)
+
+    @property
+    def _tangent_weights(self) -> tuple[Any, ...]:
+        """The constants that it depends on."""
+        model = self.problem.model
+        return (model.friction, model.geometric_weight, *model.rate_weights)
 
     def evaluate_objective(self, snes: Any, x: Any) -> float:
         """Return the potential, J."""

@@ -9,7 +9,7 @@ and nothing here moves them.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -94,6 +94,15 @@ class TangentSpectrum:
         negatives = self._linear.negatives
         self._value = None if negatives else self._sweep(SWEEPS if before else FIRST_SWEEPS)
         return negatives
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the softest vector and its eigenvalue, as far as they are known."""
+        return {"soft": self._soft.array_r.copy(), "value": self._value}
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        self._soft.array_w[:] = snapshot["soft"][: self._soft.getLocalSize()]
+        self._value = snapshot["value"]
 
     def begin(self) -> None:
         """Note the smallest eigenvalue where a solve begins, if none is known; collective.
