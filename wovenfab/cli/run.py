@@ -22,8 +22,7 @@ from wovenfab.cli.console import (
     Console,
     is_first_rank,
 )
-from wovenfab.record.checkpoint import NothingToResumeError
-from wovenfab.record.results import ResultsExistError
+from wovenfab.record.results import NothingToResumeError, ResultsExistError
 from wovenfab.simulation.interruption import Interruption, signal_behind
 from wovenfab.simulation.progress import Progress, Stopwatch
 

@@ -17,14 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.record.field_file import UNLOCKED, hdf5_image
-from wovenfab.record.results import CHECKPOINT, EARLIER_CHECKPOINT, write_whole
+from wovenfab.record.results import (
+    CHECKPOINT,
+    EARLIER_CHECKPOINT,
+    NothingToResumeError,
+    write_whole,
+)
 
 #: Version of what checkpoints hold; another one cannot be read.
 VERSION = 1
-
-
-class NothingToResumeError(Exception):
-    """A directory from which no run can go on; the message says why and what to do."""
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
-from wovenfab.record.results import write_whole
+from wovenfab.record.results import NothingToResumeError, write_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -125,7 +125,7 @@ class History(AbstractContextManager["History"]):
             until: Last step of earlier files that is kept; negative for none.
 
         Raises:
-            ValueError: The earlier files have other columns, or end before that step.
+            NothingToResumeError: The earlier files have other columns, or end before that step.
         """
         self._until = until
         self._comm, self._rows = world() if comm is None else comm, rows
@@ -163,10 +163,13 @@ class History(AbstractContextManager["History"]):
 
     def _kept(self, directory: Path, name: str, header: Sequence[str]) -> list[str]:
         """Return the rows of an earlier file, as they are there."""
-        text = (directory / name).read_text(encoding="utf-8").split("\n")
+        *text, _ = (directory / name).read_text(encoding="utf-8").split("\n")
         rows = text[1 : self._until + 2]
-        if text[0] != ",".join(header) or len(rows) <= self._until:
-            raise ValueError(f"{name} is not of the run that goes on, or ends too early")
+        if text[:1] != [",".join(header)] or len(rows) <= self._until:
+            raise NothingToResumeError(
+                f"{directory / name} is not of the run that goes on, or ends before its checkpoint; "
+                "run the case from its beginning"
+            )
         if name == HISTORY:
             self._rows.resume(read_history(directory, name))
         return rows

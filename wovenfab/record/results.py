@@ -88,6 +88,10 @@ class ResultsExistError(Exception):
     """The directory holds files that must not be overwritten, or cannot be written."""
 
 
+class NothingToResumeError(Exception):
+    """A directory from which no run can go on; the message says why and what to do."""
+
+
 class ResultsDirectory:
     """A results directory that this run has for itself: no other run may write there.
 

@@ -24,11 +24,11 @@ from wovenfab.model.snapshot import PointValues
 from wovenfab.parallel import from_root, on_root
 from wovenfab.record.checkpoint import (
     Checkpoint,
-    NothingToResumeError,
     newest_checkpoint,
     write_checkpoint,
 )
 from wovenfab.record.fields import Blocks
+from wovenfab.record.results import NothingToResumeError
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.stepping.step import Step
 
@@ -159,8 +159,8 @@ class Checkpoints:
             self.write()
 
     def write(self) -> None:
-        """Write one of the last accepted state; collective."""
-        if self._every is False:
+        """Write one of the last accepted state, unless that was done; collective."""
+        if self._every is False or not self._steps:
             return
         stepper, program = self._simulation.stepper, self._simulation.program
         made = [m for m in program.milestones if m.time <= stepper.time]

@@ -1,0 +1,221 @@
+"""A run that was stopped goes on as if it never had been: to the last bit on the same ranks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+from wovenfab.case import Case, read_case
+from wovenfab.interface import Execution, execute
+from wovenfab.record.field_file import FieldFile, triangles
+from wovenfab.record.fields import read_fields
+from wovenfab.record.results import (
+    CHECKPOINT,
+    NothingToResumeError,
+    ResultsExistError,
+    open_results,
+)
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
+#: Some cycles of a coarse sheet: 20 steps each.
+SMALL = (
+    *("output.pictures=false", "discretisation.mesh_size=75mm", "discretisation.degree=2"),
+    *("program={type: cycles, amplitudes: [10 mm, 20 mm], max_velocity: 0.5 m/s}",),
+    *("time.steps_per_cycle=20",),
+)
+SPIN = "effects.spin_friction={strength: 30 N/m, slope: 40 s}"
+CASES = {
+    "slip and spin friction, adaptive": ("bias-1x3", SPIN, "time.tolerance=1e-2"),
+    "midpoint": ("bias-1x3", "time.scheme=midpoint"),
+    "backward Euler": ("bias-1x3", "time.scheme=backward-euler", "time.steps_per_cycle=20"),
+    "stress at points": ("coulomb",),
+    "kept factor": ("bias-1x3", "discretisation.mesh_size=30mm", "discretisation.degree=3"),
+    "a branch": (
+        *("compression", "discretisation.mesh_size=75mm", "discretisation.degree=2"),
+        *("program={type: ramp, to: -30 mm, steps: 24, duration: 1 s}",),
+    ),
+}
+#: In the middle of the first cycle, not on a planned time of adaptive steps.
+PAUSE = {"a branch": 0.55}
+
+
+def small(name: str, *overrides: str) -> Case:
+    return read_case(CONFIGS / f"{name}.yaml", (*SMALL, *overrides))
+
+
+def run(case: Case, directory: Path, comm: MPI.Comm = ALONE, **options: object) -> Execution:
+    return execute(case, directory, comm=comm, **options)  # type: ignore[arg-type]
+
+
+def assert_same(one: Execution, other: Execution, tolerance: float) -> None:
+    """Compare all columns, over the largest value of each kind of them."""
+    force = np.abs(other.columns["force_N"]).max()
+    work = np.abs(other.columns["work_J"]).max()
+    assert list(one.columns) == list(other.columns)
+    for name, values in other.columns.items():
+        if name == "newton_iterations" and tolerance:
+            continue
+        scale = {"N": force, "J": work}.get(name.rsplit("_", 1)[-1], np.abs(values).max())
+        assert np.abs(one.columns[name] - values).max() <= tolerance * scale, name
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_rows_are_those_of_a_run_that_never_stopped(name: str, tmp_path: Path) -> None:
+    case = small(*CASES[name])
+    whole = run(case, tmp_path / "whole")
+    until = PAUSE.get(name, 0.041)
+    part = run(case, tmp_path / "parts", until=until)
+    assert part.outcome.paused and until <= part.columns["time_s"][-1] < until + 0.05
+    resumed = run(case, tmp_path / "parts", resume=True)
+    assert_same(resumed, whole, 0.0)
+    for file in ("history.csv", "reactions.csv", "cycles.csv", "fields.xdmf"):
+        if (tmp_path / "whole" / file).exists():
+            texts = [(tmp_path / d / file).read_text().split("\n") for d in ("whole", "parts")]
+            assert sorted(texts[0]) == sorted(texts[1]), file
+    fields = [read_fields(tmp_path / d) for d in ("whole", "parts")]
+    assert list(fields[0].times) == list(fields[1].times)
+    for one, other in zip(fields[0].units, fields[1].units, strict=True):
+        assert (fields[0].field(one, -1) == fields[1].field(other, -1)).all()
+    parts = resumed.summary["parts"]
+    assert [p["first_step"] for p in parts] == [0, part.outcome.steps]
+    total = sum(p["wall_time_s"]["steps"] for p in parts)
+    assert resumed.summary["wall_time_s"]["steps"] == pytest.approx(total)
+
+
+@pytest.mark.mpi
+@pytest.mark.mpi4
+@pytest.mark.parametrize("name", ["slip and spin friction, adaptive", "stress at points"])
+def test_any_number_of_ranks_goes_on_for_any_other(name: str, shared_path: Path) -> None:
+    case = small(*CASES[name])
+    sizes = range(1, COMM.size + 1)
+    whole = run(case, shared_path / f"whole-{COMM.rank}") if COMM.rank == 0 else None
+    for first in sizes:
+        for second in sizes:
+            where = shared_path / f"{first}-{second}"
+            done = None
+            for ranks, options in ((first, {"until": 0.041}), (second, {"resume": True})):
+                part = COMM.Split(int(COMM.rank < ranks))
+                if COMM.rank < ranks:
+                    done = run(case, where, part, **options)
+                COMM.barrier()
+                part.Free()
+            if whole is not None:
+                assert done is not None
+                assert_same(done, whole, 1e-8)
+
+
+def test_what_was_written_after_the_checkpoint_is_made_again(tmp_path: Path) -> None:
+    """As after a kill: history and fields are ahead of the last checkpoint."""
+    case = small("bias-1x3", "output.checkpoint=7", "output.every=1")
+    whole = run(case, tmp_path / "whole")
+    run(case, tmp_path / "killed", until=0.06)
+    history = (tmp_path / "killed" / "history.csv").read_text()
+    (tmp_path / "killed" / CHECKPOINT).unlink()
+    (tmp_path / "killed" / "history.csv").write_text(history[:-20])
+    (tmp_path / "killed" / "summary.json").unlink()
+    assert_same(run(case, tmp_path / "killed", resume=True), whole, 0.0)
+
+
+def test_a_checkpoint_that_is_not_whole_is_passed_over(tmp_path: Path) -> None:
+    case = small("bias-1x3", "output.checkpoint=7")
+    whole = run(case, tmp_path / "whole")
+    run(case, tmp_path / "hurt", until=0.06)
+    newest = tmp_path / "hurt" / CHECKPOINT
+    newest.write_bytes(newest.read_bytes()[:1000])
+    assert_same(run(case, tmp_path / "hurt", resume=True), whole, 0.0)
+
+
+def test_a_finished_run_goes_on_with_a_longer_program(tmp_path: Path) -> None:
+    case = small("bias-1x3")
+    longer = case.changed(
+        "program=[{type: cycles, amplitudes: [10 mm, 20 mm], max_velocity: 0.5 m/s}, "
+        "{type: cycles, amplitudes: 15 mm, max_velocity: 0.2 m/s}]"
+    )
+    whole = run(longer, tmp_path / "whole")
+    run(case, tmp_path / "parts")
+    assert_same(run(longer, tmp_path / "parts", resume=True), whole, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("override", "differs"),
+    [
+        ("effects.shear.stiffness=401 N/m", "effects differs"),
+        ("sheet.length=0.8 m", "sheet differs"),
+        ("discretisation.mesh_size=60 mm", "discretisation differs"),
+        ("boundary.left=clamp_x", "boundary differs"),
+        ("program.amplitudes=[12 mm, 20 mm]", "program before t = "),
+    ],
+)
+def test_another_case_is_refused_in_words(override: str, differs: str, tmp_path: Path) -> None:
+    case = small("bias-1x3")
+    run(case, tmp_path / "run", until=0.041)
+    before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*.*") if p.is_file()}
+    other = override.replace("clamp_x", "{displacement: [0, free]}")
+    with pytest.raises(NothingToResumeError, match=differs):
+        run(case.changed(other), tmp_path / "run", resume=True)
+    assert before == {p: p.read_bytes() for p in before}
+
+
+def test_steps_solver_and_output_may_differ(tmp_path: Path) -> None:
+    case = small("bias-1x3")
+    run(case, tmp_path / "run", until=0.041)
+    other = case.changed("time.steps_per_cycle=40", "solver.tolerance=1e-10", "output.every=3")
+    resumed = run(other, tmp_path / "run", resume=True)
+    assert resumed.outcome.failure is None
+    assert resumed.columns["time_s"][-1] == pytest.approx(0.06 * np.pi)
+
+
+def test_nothing_to_go_on_from_is_told(tmp_path: Path) -> None:
+    case = small("bias-1x3", "output.checkpoint=false")
+    with pytest.raises(NothingToResumeError, match="does not exist"):
+        run(case, tmp_path / "none", resume=True)
+    run(case, tmp_path / "run", until=0.02)
+    with pytest.raises(NothingToResumeError, match="holds no checkpoint"):
+        run(case, tmp_path / "run", resume=True)
+    run(case.changed("output.checkpoint=5"), tmp_path / "old", until=0.02)
+    with h5py.File(tmp_path / "old" / CHECKPOINT, "r+") as file:
+        file.attrs["version"] = 0
+    with pytest.raises(NothingToResumeError, match="another version of wovenfab"):
+        run(case, tmp_path / "old", resume=True)
+
+
+def test_two_runs_do_not_write_into_one_directory(tmp_path: Path) -> None:
+    from wovenfab.record.results import ResultsDirectory
+
+    place = tmp_path / "run"
+    with ResultsDirectory(place, ALONE) as mine:
+        mine.open()
+        (place / "history.csv").write_text("mine")
+        with pytest.raises(ResultsExistError, match="another run is writing"):
+            open_results(place, overwrite=True)
+        assert (place / "history.csv").read_text() == "mine"
+    open_results(place, overwrite=True)
+    assert not (place / "history.csv").exists()
+
+
+def test_a_full_disk_leaves_the_series_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import wovenfab.record.results as results
+
+    points = np.random.default_rng(0).uniform(size=(3, 2))
+    mesh = triangles(np.array([[0, 1, 2]]))
+    series = FieldFile(tmp_path, "fields", mesh, points, {"f": "1"})
+    series.add(0, 0.0, {"f": np.zeros(3)})
+    text = (tmp_path / "fields.xdmf").read_text()
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(results.os, "fsync", full)
+    with pytest.raises(OSError, match="No space"):
+        series.add(1, 1.0, {"f": np.ones(3)})
+    monkeypatch.undo()
+    assert (tmp_path / "fields.xdmf").read_text() == text
+    assert list(read_fields(tmp_path).times) == [0.0]
+    assert not list(tmp_path.rglob(".*part"))
