@@ -8,6 +8,15 @@ import dolfinx
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from petsc4py import PETSc
+
+_REASONS = PETSc.SNES.ConvergedReason
+#: PETSc's name of the reason that a residual is no number; another one since its 3.24.
+NOT_FINITE = (
+    "DIVERGED_FNORM_NAN"
+    if hasattr(_REASONS, "DIVERGED_FNORM_NAN")
+    else "DIVERGED_FUNCTION_NANORINF"
+)
 
 
 def cell_partitioner() -> Any:
@@ -17,6 +26,15 @@ def cell_partitioner() -> Any:
         return dolfinx.mesh.create_cell_partitioner(mode)
     except TypeError:  # 0.11 wants the number of cells that meet at a facet
         return dolfinx.mesh.create_cell_partitioner(mode, 2)
+
+
+def corners_of(mesh: Any) -> NDArray[np.int32]:
+    """Return the numbers of each local cell's corners in the geometry, shape (cells, 3)."""
+    geometry = mesh.geometry
+    corners: NDArray[np.int32] = (
+        geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
+    )
+    return corners
 
 
 def mesh_from_gmsh(model: Any, comm: MPI.Comm, rank: int = 0) -> tuple[Any, Any, dict[str, int]]:

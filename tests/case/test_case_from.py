@@ -90,6 +90,14 @@ def test_another_law_takes_nothing_over(folder: Path) -> None:
     assert "strength" in told[0]
 
 
+def test_the_type_may_stand_in_the_case_alone(folder: Path) -> None:
+    base = json.loads(json.dumps(DATA))
+    kind = base["program"].pop("type")
+    (folder / "base.yaml").write_text(json.dumps(base))
+    case = read_case(_derived(f"program: {{type: {kind}}}\n"))
+    assert case.model_dump() == read_case(EXAMPLE).model_dump()
+
+
 @st.composite
 def _split(draw: st.DrawFn) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the example in two parts: what is in the base, and what the case says."""

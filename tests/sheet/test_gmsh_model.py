@@ -11,6 +11,7 @@ from mpi4py import MPI
 
 from tests import scenes
 from tests.outlines import LENGTHS, assert_edges, edge_lengths
+from wovenfab.compat import corners_of
 from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 
@@ -61,7 +62,7 @@ def test_a_msh_file_gives_the_mesh_that_it_holds(tmp_path: Path) -> None:
 def sizes(on: Sheet) -> tuple[np.ndarray, np.ndarray]:
     """Return the size of each cell and its distance from the nearest corner (m)."""
     cells = np.arange(on.mesh.topology.index_map(2).size_local, dtype=np.int32)
-    middles = on.mesh.geometry.x[on.mesh.geometry.dofmap].mean(axis=1)[:, :2]
+    middles = on.mesh.geometry.x[corners_of(on.mesh)].mean(axis=1)[:, :2]
     corners = np.array([(0, 0), (0.9, 0), (0.9, 0.3), (0, 0.3)])
     away = np.linalg.norm(middles[:, None] - corners[None], axis=2).min(axis=1)
     return on.mesh.h(2, cells), away

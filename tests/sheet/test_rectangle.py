@@ -16,6 +16,7 @@ from mpi4py import MPI
 
 from tests import scenes
 from tests.outlines import EDGES, LENGTHS, assert_edges, fibres_at
+from wovenfab.compat import corners_of
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.sheet.sheet import Sheet
 
@@ -42,14 +43,16 @@ def test_cells_are_no_larger_than_asked_and_round_off_adds_none() -> None:
 
 def rebuilt(on: Sheet, move: np.ndarray, fibres: np.ndarray, seed: int | None) -> Sheet:
     """Return the sheet with nodes mapped by ``move`` and, with a seed, numbered at random."""
-    points, cells = on.mesh.geometry.x[:, :2], on.mesh.geometry.dofmap.astype(np.int64)
+    points, cells = on.mesh.geometry.x[:, :2], corners_of(on.mesh).astype(np.int64)
     if seed is not None:
         random = np.random.default_rng(seed)
         order = random.permutation(len(points))
         points, cells = points[order], np.argsort(order)[cells]
         cells = random.permuted(cells[random.permutation(len(cells))], axis=1)
     element = on.mesh.ufl_domain().ufl_coordinate_element()
-    mesh = create_mesh(MPI.COMM_SELF, cells, np.ascontiguousarray(points @ move.T), element)
+    mesh = create_mesh(
+        MPI.COMM_SELF, cells=cells, x=np.ascontiguousarray(points @ move.T), e=element
+    )
     back = np.linalg.inv(move)
     marked = {
         name: locate_entities_boundary(

@@ -254,8 +254,8 @@ class _Reader:
 
 
 FROM = "from"
-#: The key that says what kind of mapping it is; another kind takes nothing over.
-_KINDS = ("type", LAW)
+#: With ``LAW`` the keys that say what kind of mapping it is; another kind takes nothing over.
+_TYPE = "type"
 _ABSENT = "there is nothing here to take out"
 
 
@@ -334,7 +334,8 @@ def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
-    return all(upper.get(kind, base.get(kind)) == base.get(kind) for kind in _KINDS)
+    same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
+    return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
 
 
 def key_path(key: str) -> KeyPath:

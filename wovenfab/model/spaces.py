@@ -21,7 +21,7 @@ from dolfinx.mesh import Mesh, exterior_facet_indices
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.compat import index_map_of, space_with
+from wovenfab.compat import corners_of, index_map_of, space_with
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
@@ -202,7 +202,7 @@ def split_along(scalar: fem.FunctionSpace, places: Array, lines: Array) -> Split
         lines: End points, shape (lines, 2, 2), m; they run along facets.
     """
     mesh, nodes = scalar.mesh, scalar.dofmap.list
-    centres = mesh.geometry.x[mesh.geometry.dofmap][:, :, :2].mean(axis=1)
+    centres = mesh.geometry.x[corners_of(mesh)][:, :, :2].mean(axis=1)
     slack = ON_LINE * _extent(mesh)
     copies, which = np.ones(len(places), dtype=np.int8), np.zeros(nodes.shape, dtype=np.int8)
     outline = _Outline(scalar, places)

@@ -11,6 +11,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from wovenfab.compat import corners_of
 from wovenfab.model.compiler import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
@@ -52,7 +53,7 @@ def proven_penalty(model: Model) -> float:
 
 def _areas(mesh: Any) -> NDArray[np.float64]:
     """Return the areas (m^2) of this rank's cells, ghosts included."""
-    a, b, c = (mesh.geometry.x[mesh.geometry.dofmap[:, i], :2] for i in range(3))
+    a, b, c = (mesh.geometry.x[corners_of(mesh)[:, i], :2] for i in range(3))
     (x, y), (u, v) = (b - a).T, (c - a).T
     return np.asarray(np.abs(x * v - y * u) / 2)
 

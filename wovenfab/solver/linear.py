@@ -235,8 +235,8 @@ class LinearSolver:
 
     @property
     def negatives(self) -> int:
-        """Number of negative pivots of the factor, over all ranks."""
-        return self._count_of(NEGATIVE)
+        """Number of negative pivots of the factor, over all ranks; 0 before there is one."""
+        return self._count_of(NEGATIVE) if self._begun else 0
 
     @property
     def status(self) -> int:

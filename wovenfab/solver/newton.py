@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+from wovenfab.compat import NOT_FINITE
 from wovenfab.model.model import preserved
 from wovenfab.solver.globalisation import (
     CROSSING_SHARE,
@@ -290,7 +291,7 @@ class NewtonSolver:
         if logger.isEnabledFor(logging.DEBUG):
             self._log(iteration, residual)
         if not np.isfinite([residual, self.problem.force_norm]).all():
-            return int(Reason.DIVERGED_FNORM_NAN)
+            return int(getattr(Reason, NOT_FINITE))
         if self.problem.attained and self._obeys_friction_laws():
             reason = self._convergence.reason(
                 residual,

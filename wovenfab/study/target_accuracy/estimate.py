@@ -21,6 +21,7 @@ from scipy.optimize import brentq
 from forms.kinematics import point_of, point_variation
 from forms.variation import second_variation
 from wovenfab.case import Case
+from wovenfab.compat import corners_of
 from wovenfab.model.compiler import compile_form
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
@@ -266,7 +267,7 @@ def write_errors(estimate: Estimate, directory: Path) -> None:
     ]
     on_root(comm, lambda: write_whole(directory / ERRORS, "\n".join(rows) + "\n"))
     shares = error_shares(low, high)
-    corners = mesh.geometry.x[mesh.geometry.dofmap[: len(shares)], :2]
+    corners = mesh.geometry.x[corners_of(mesh)[: len(shares)], :2]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
     series = FieldSeries(
