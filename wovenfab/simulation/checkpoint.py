@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
+from dolfinx.la import InsertMode
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -55,6 +56,8 @@ class SnapshotFormat:
         self._blocks = Blocks(mesh.comm, self._cells[:own])
         self._nodes, self._own = model.placements.blocks, own
         self._work = fem.Function(model.space)
+        #: How many ranks have a cell of their own at each of this rank's unknowns.
+        self._sharing = self._summed(np.ones((own, *self._nodes.shape[1:], 2)))
 
     def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
         """Return plain values and, on rank 0, the arrays of all cells by name; collective."""
@@ -107,10 +110,24 @@ class SnapshotFormat:
         return rows
 
     def _at_nodes(self, rows: Array) -> Array:
-        """Return the values at the unknowns with ghosts."""
-        values = np.zeros((self._work.x.array.size // 2, 2))
+        """Return the values at the unknowns with ghosts; collective.
+
+        A rank may own nodes that are in none of its cells: other ranks send it their values.
+        """
+        values = (self._summed(rows[: self._own]) / self._sharing).reshape(-1, 2)
         values[self._nodes] = rows.reshape(*self._nodes.shape, 2)
         return values.ravel()
+
+    def _summed(self, rows: Array) -> Array:
+        """Return sums over ranks of the values at the nodes of their own cells; collective."""
+        work = self._work.x
+        work.array[:] = 0.0
+        work.array.reshape(-1, 2)[self._nodes[: self._own]] = rows.reshape(
+            self._own, *self._nodes.shape[1:], 2
+        )
+        work.scatter_reverse(InsertMode.add)
+        work.scatter_forward()
+        return np.array(work.array)
 
     def _rows(self, name: str, arrays: Mapping[str, Array]) -> Array:
         """Return the rows of this rank's cells, ghosts included; collective."""
