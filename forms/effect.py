@@ -1,6 +1,6 @@
 """What an effect is: a name, its parameters with units, its needs and its potential.
 
-An effect is one file of this folder that defines ``EFFECT``; ``forms.catalogue``
+An effect is one file of this folder that defines ``EFFECT``; ``forms.effects``
 finds it, and everything else (case keys, spaces, integrals, history columns)
 follows from what the effect states here.
 

@@ -10,7 +10,7 @@ from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.assembly import compile_form
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
 from wovenfab.sheet.sheet import Outline, Ring, Sheet, directions, rectangle_outline

@@ -13,7 +13,7 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
-from forms.catalogue import effects
+from forms import effects
 from forms.effect import Effect
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
 from wovenfab.model.constraints import Constraints, Grip, Held

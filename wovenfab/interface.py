@@ -29,8 +29,7 @@ from wovenfab.record.results import ResultsDirectory
 from wovenfab.record.summary import read_summary
 from wovenfab.simulation.checkpoint import load_checkpoint, require_same
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.interruption import Interruption
-from wovenfab.simulation.progress import Progress, Stopwatch
+from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step

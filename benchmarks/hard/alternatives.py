@@ -17,7 +17,7 @@ from benchmarks.hard.row import Setting
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.problem import Problem, SolveResult, SolverOptions
-from wovenfab.stepping.step_size import CUT, StepSizeControl
+from wovenfab.stepping.step import CUT, StepSizeControl
 from wovenfab.study.table import markdown
 
 BONDED = Setting("bonded-1x3", ("discretisation.penalty=auto", "solver.stability=ignore"))

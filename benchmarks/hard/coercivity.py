@@ -12,7 +12,7 @@ from scipy.linalg import eigh
 
 from forms.balance import facet_penalty
 from forms.kinematics import along, curvature_vector, displacements, tangent, twice_along
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 
 Array = NDArray[np.float64]

@@ -16,8 +16,7 @@ from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Observer, Simulation
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.stability import StabilityLoss
-from wovenfab.stepping.step import Step
-from wovenfab.stepping.step_size import StepSizeControl
+from wovenfab.stepping.step import Step, StepSizeControl
 
 #: Steps below which a sum of work by the trapezoidal rule says nothing.
 ENOUGH_STEPS = 10

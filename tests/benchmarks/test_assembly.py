@@ -8,8 +8,7 @@ from dolfinx.fem import petsc as fem_petsc
 
 from benchmarks.assembly import plain_tangent
 from tests import scenes
-from wovenfab.model.assembly import assemble_matrix, create_matrix
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.assembly import assemble_matrix, compile_form, create_matrix
 from wovenfab.model.model import Numerics
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from forms.catalogue import effects
+from forms import effects
 from forms.effect import Parameter
 from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, read_case
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from forms import catalogue
+import forms
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.custom_effects import REMEDY
 
@@ -199,7 +199,7 @@ def test_two_cases_have_their_own_effects_of_the_same_name(example: str, tmp_pat
     assert one.scene[-1].effect.summary == "Something new"
     assert other.scene[-1].effect.summary == "Something else"
     assert one != other
-    assert "drag" not in catalogue.effects()
+    assert "drag" not in forms.effects()
     assert not [name for name in sys.modules if "drag" in name]
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from forms import catalogue
+import forms
 from forms.effect import Effect, Needs, Parameter
 from wovenfab.case import CaseError, SceneEffect, read_case
 from wovenfab.case.effects import Scene, Values, acting, lacking, needs_of_scene
@@ -17,7 +17,7 @@ def scene_of(*names: str, **values: Values) -> Scene:
     """Return a scene in which all values are one unless given."""
     return tuple(
         SceneEffect(effect, values.get(name, {p.name: 1.0 for p in effect.parameters}))
-        for name, effect in catalogue.effects().items()
+        for name, effect in forms.effects().items()
         if name in (*names, *values)
     )
 
@@ -64,8 +64,8 @@ def test_a_new_effect_is_a_key_without_another_edit(
         measure=lambda point: point,
         resists=frozenset({"slipping"}),
     )
-    known = {**catalogue.effects(), "drag": drag}
-    monkeypatch.setattr(catalogue, "effects", lambda: known)
+    known = {**forms.effects(), "drag": drag}
+    monkeypatch.setattr(forms, "effects", lambda: known)
     old = "coupling: {stiffness: 6.0e7 N/m^3}"
     case = read_case(write_case(example.replace(old, "drag: {factor: 3 kN*s/m^3}")))
     assert case.effects["drag"] == {"factor": 3000.0}

@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-from forms import catalogue
+import forms
 from wovenfab.case import CaseError, read_case
 from wovenfab.case.errors import one_of
 
@@ -27,7 +27,7 @@ def listed(says: str | list[str]) -> list[str]:
 
 def _with_names(told: str) -> str:
     """Return a message with the names of the effects that there are now."""
-    known = catalogue.effects()
+    known = forms.effects()
     told = told.replace("<effects>", ", ".join(known))
     for resistance in ("stretching", "shearing", "slipping"):
         names = [name for name, effect in known.items() if resistance in effect.resists]

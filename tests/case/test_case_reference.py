@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 
 import forms
-from forms import catalogue
 from wovenfab.case import json_schema
 
 NewFile = Callable[[str, str], None]
@@ -39,10 +38,10 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NewFil
 
     def write(name: str, text: str) -> None:
         (tmp_path / name).write_text(text)
-        catalogue.effects.cache_clear()
+        forms.effects.cache_clear()
 
     yield write
-    catalogue.effects.cache_clear()
+    forms.effects.cache_clear()
     for path in tmp_path.glob("*.py"):
         sys.modules.pop(f"forms.{path.stem}", None)
 
@@ -78,7 +77,7 @@ def test_every_key_is_described_and_no_other_is_allowed() -> None:
 
 def test_every_parameter_has_its_unit_and_meaning() -> None:
     definitions = json_schema()["$defs"]
-    for name, effect in catalogue.effects().items():
+    for name, effect in forms.effects().items():
         keys = definitions[name]["properties"]
         assert definitions[name]["required"] == [
             p.name for p in effect.parameters if p.default is None

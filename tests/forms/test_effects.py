@@ -12,8 +12,8 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
+from forms import effects
 from forms.balance import Balance, FacetTerm
-from forms.catalogue import effects
 from forms.effect import Effect
 from forms.kinematics import Facet
 from tests import scenes

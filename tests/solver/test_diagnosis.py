@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import ufl
 
-from forms.catalogue import effects
+from forms import effects
 from forms.effect import Effect, Parameter
 from forms.kinematics import norm
 from tests import scenes

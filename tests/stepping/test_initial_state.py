@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.catalogue import effects
+from forms import effects
 from tests import scenes
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model

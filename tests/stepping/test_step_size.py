@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from wovenfab.stepping.step_size import CUT, EASY, ENOUGH, GROWTH, StepSizeControl
+from wovenfab.stepping.step import CUT, EASY, ENOUGH, GROWTH, StepSizeControl
 
 
 def walk(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from forms.catalogue import effects
+from forms import effects
 
 ROOT = Path(__file__).parents[2]
 #: From the bottom up; a layer may use itself and what stands before it.

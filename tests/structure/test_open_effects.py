@@ -12,7 +12,7 @@ import pytest
 from mpi4py import MPI
 
 import forms
-from forms.catalogue import effects
+from forms import effects
 from tests.structure.test_installed import CASE as SMALL
 from wovenfab.case import CaseError, json_schema, read_case
 from wovenfab.case.reference import effects_page

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forms.catalogue import effects
+from forms import effects
 from tests import scenes
 from tests.verification.test_closed_forms import (
     ALONG,

@@ -28,7 +28,7 @@ from forms.kinematics import (
     twice_along,
 )
 from tests import scenes
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model, Numerics
 
 VALUES = {

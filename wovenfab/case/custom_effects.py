@@ -20,7 +20,7 @@ from typing import Any
 import ufl
 from pydantic_core import PydanticCustomError
 
-from forms import catalogue
+import forms
 from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
 from forms.friction import PointFriction, components_of
@@ -53,7 +53,7 @@ def custom_effects(files: Mapping[str, Any], folder: Path) -> CustomEffects:
 
 def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
     path = existing_file(value, folder, (".py",))
-    if key in catalogue.effects():
+    if key in forms.effects():
         raise wrong(f"there is an effect '{key}' already", "Give yours another name.")
     if not _NAME.fullmatch(key):
         raise wrong("the name of an effect has letters, digits and '_' only")

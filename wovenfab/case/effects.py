@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-from forms import catalogue
+import forms
 from forms.effect import Effect, Needs, Parameter
 from wovenfab.case.document import FILE, LAW
 from wovenfab.case.formula import Expression
@@ -225,18 +225,18 @@ def lacking(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | Non
 
 def providers(resistance: str, scene: Scene = ()) -> list[str]:
     """Return the names of all effects that resist something, those of a scene included."""
-    known = {**catalogue.effects(), **{e.name: e.effect for e in scene}}
+    known = {**forms.effects(), **{e.name: e.effect for e in scene}}
     return [name for name, effect in known.items() if resistance in effect.resists]
 
 
 def with_second_gradient() -> list[str]:
     """Return the names of all effects of forms/ that depend on second derivatives."""
-    return [name for name, e in catalogue.effects().items() if e.needs.second_gradient]
+    return [name for name, e in forms.effects().items() if e.needs.second_gradient]
 
 
 def with_two_placements() -> list[str]:
     """Return the names of all effects of forms/ that need a placement for each family."""
-    return [name for name, e in catalogue.effects().items() if e.needs.placements == 2]
+    return [name for name, e in forms.effects().items() if e.needs.placements == 2]
 
 
 def _positive(value: float | Expression | tuple[float | Expression, ...]) -> bool:
@@ -282,9 +282,7 @@ class EffectsSection:
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> Json:
         """Describe the effects that there are."""
-        text = handler(
-            _catalogue_model(tuple(catalogue.effects().values())).__pydantic_core_schema__
-        )
+        text = handler(_catalogue_model(tuple(forms.effects().values())).__pydantic_core_schema__)
         handler.resolve_ref_schema(text)["additionalProperties"] = _CUSTOM_SCHEMA
         return text
 
@@ -292,7 +290,7 @@ class EffectsSection:
 def _read(data: Any, info: ValidationInfo) -> Scene:
     custom: CustomEffects = (info.context or {}).get("custom", {})
     section = _section_model(custom).model_validate(data)
-    known: list[tuple[Effect, Path | None]] = [(e, None) for e in catalogue.effects().values()]
+    known: list[tuple[Effect, Path | None]] = [(e, None) for e in forms.effects().values()]
     known += [(e.effect, e.file) for e in custom.values() if isinstance(e, CustomEffect)]
     return tuple(
         _chosen(effect, given, file)
@@ -326,7 +324,7 @@ def _written(parameter: Parameter, value: Any, with_unit: bool) -> Any:
 
 def _section_model(custom: CustomEffects) -> type[Section]:
     """Return a model with one optional field for each effect that there is."""
-    known = _catalogue_model(tuple(catalogue.effects().values()))
+    known = _catalogue_model(tuple(forms.effects().values()))
     fields = _fields({name: _custom_kind(e) for name, e in custom.items()})
     return create_model("Effects", __base__=known, __doc__=_SECTION, **fields)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from forms import catalogue
+import forms
 from forms.effect import Effect, Parameter
 from wovenfab.case.document import FROM
 from wovenfab.case.quantities import Json
@@ -63,7 +63,7 @@ Written by `make docs` from the files in [forms/](../forms). Energies and potent
 
 def effects_page() -> str:
     """Return the page in Markdown."""
-    known = catalogue.effects().values()
+    known = forms.effects().values()
     return _HEAD + "".join(_row(law, law is effect) for effect in known for law in effect.all_laws)
 
 

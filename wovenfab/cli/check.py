@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forms.catalogue import effects
+from forms import effects
 from forms.effect import Needs
 from wovenfab.case import Case, acting, read_case
 from wovenfab.cli.console import Console

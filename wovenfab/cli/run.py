@@ -23,8 +23,7 @@ from wovenfab.cli.console import (
     is_first_rank,
 )
 from wovenfab.record.results import NothingToResumeError, ResultsExistError
-from wovenfab.simulation.interruption import Interruption, signal_behind
-from wovenfab.simulation.progress import Progress, Stopwatch
+from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
 
 SLOW_BLAS = (
     "warning: no tuned BLAS is loaded, so factorisation will be several times slower; "

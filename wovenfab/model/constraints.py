@@ -15,7 +15,7 @@ from dolfinx import fem, la
 from numpy.typing import NDArray
 
 from forms.balance import Load
-from wovenfab.model.compiler import compile_forms
+from wovenfab.model.assembly import compile_forms
 from wovenfab.model.spaces import Placements
 from wovenfab.sheet.sheet import Sheet
 

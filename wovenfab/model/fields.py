@@ -16,7 +16,7 @@ from dolfinx import fem
 from numpy.typing import NDArray
 
 from forms.kinematics import curvature_vector, displacements, norm, point_of, shear_angle, stretch
-from wovenfab.model.compiler import compile_expression
+from wovenfab.model.assembly import compile_expression
 from wovenfab.model.model import Model
 
 

@@ -167,7 +167,7 @@ class History(AbstractContextManager["History"]):
         rows = text[1 : self._until + 2]
         if text[:1] != [",".join(header)] or len(rows) <= self._until:
             raise NothingToResumeError(
-                f"{directory / name} is not of the run that goes on, or ends before its checkpoint; "
+                f"{directory / name} is of another run, or ends before the checkpoint; "
                 "run the case from its beginning"
             )
         if name == HISTORY:

@@ -23,11 +23,7 @@ from wovenfab.case import Case, Rectangle
 from wovenfab.model.model import Model
 from wovenfab.model.snapshot import PointValues
 from wovenfab.parallel import from_root, on_root
-from wovenfab.record.checkpoint import (
-    Checkpoint,
-    newest_checkpoint,
-    write_checkpoint,
-)
+from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.simulation.from_case import program_of_case

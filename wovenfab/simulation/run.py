@@ -16,15 +16,13 @@ from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import preserved
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
-from wovenfab.record.checkpoint import Checkpoint
-from wovenfab.record.field_file import MODE
+from wovenfab.record.field_file import MODE, Checkpoint
 from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, HistoryRows, read_history
 from wovenfab.record.results import this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
 from wovenfab.simulation.checkpoint import Checkpoints
-from wovenfab.simulation.interruption import Interruption
-from wovenfab.simulation.progress import Progress, Stopwatch
+from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
 from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from wovenfab.case import Case
 from wovenfab.model.model import Model
-from wovenfab.record.checkpoint import Checkpoint
+from wovenfab.record.field_file import Checkpoint
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.checkpoint import SnapshotFormat
 from wovenfab.simulation.from_case import (
@@ -25,13 +25,11 @@ from wovenfab.simulation.from_case import (
     program_of_case,
     scheme_of,
 )
-from wovenfab.simulation.interruption import Interruption, signal_behind
-from wovenfab.simulation.progress import Stopwatch
+from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
-from wovenfab.stepping.step import Step, StepFailedError
-from wovenfab.stepping.step_size import StepSizeControl
+from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
 
 #: What is called after each accepted step, on every rank; the model's field is that of the step.

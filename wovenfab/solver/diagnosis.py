@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.compat import corners_of
-from wovenfab.model.compiler import compile_expression
+from wovenfab.model.assembly import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver

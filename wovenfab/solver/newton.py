@@ -30,8 +30,9 @@ from wovenfab.solver.globalisation import (
     LineSearch,
     largest_cell,
 )
-from wovenfab.solver.linear import LinearSolver, TangentReuse, relative_distance
+from wovenfab.solver.linear import LinearSolver
 from wovenfab.solver.problem import Problem, SolverOptions
+from wovenfab.solver.reuse import TangentReuse, relative_distance
 from wovenfab.solver.tangent_spectrum import UNSEEN, TangentSpectrum, start_vector
 
 logger = logging.getLogger(__name__)

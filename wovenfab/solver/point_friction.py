@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from forms.friction import PointFriction
-from wovenfab.model.compiler import compile_expression
+from wovenfab.model.assembly import compile_expression
 from wovenfab.model.model import Model
 from wovenfab.model.snapshot import PointValues
 from wovenfab.solver.interior_point import Increment, InteriorPoint, Target

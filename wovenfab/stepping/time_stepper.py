@@ -15,8 +15,7 @@ from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.stability import Stability, StabilityLoss, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
-from wovenfab.stepping.step import Step, StepFailedError, UnsoundSheetError
-from wovenfab.stepping.step_size import StepSizeControl
+from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
 if TYPE_CHECKING:
     from wovenfab.stepping.time_error import StepError, TimeErrorEstimator

@@ -15,7 +15,7 @@ from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
 from forms.balance import Balance
 from forms.effect import Term
 from forms.kinematics import point_of
-from wovenfab.model.compiler import compile_expression
+from wovenfab.model.assembly import compile_expression
 from wovenfab.stepping.step import Step
 
 #: Strengths by kind of friction (N/m^2; N/m), slopes (s/m; s), and shares of the speed.

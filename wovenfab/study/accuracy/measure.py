@@ -21,7 +21,7 @@ from mpi4py import MPI
 
 from forms.kinematics import displacements
 from wovenfab.case import Case, read_case
-from wovenfab.model.compiler import cache_folder, compile_form
+from wovenfab.model.assembly import cache_folder, compile_form
 from wovenfab.model.model import Model
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import peak_memory

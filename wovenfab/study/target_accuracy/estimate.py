@@ -22,7 +22,7 @@ from forms.kinematics import point_of, point_variation
 from forms.variation import second_variation
 from wovenfab.case import Case
 from wovenfab.compat import corners_of
-from wovenfab.model.compiler import compile_form
+from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.field_file import ERROR
