@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
-from wovenfab.record.results import ResultsDirectory
+from wovenfab.record.results import FINISHED, ResultsDirectory
 from wovenfab.record.summary import read_summary
 from wovenfab.simulation.checkpoint import load_checkpoint, require_same
 from wovenfab.simulation.from_case import sheet_of
@@ -106,7 +106,7 @@ class Run:
     @property
     def finished(self) -> bool:
         """Whether the program came to its end."""
-        return bool(self.summary["outcome"] == "finished")
+        return bool(self.summary["outcome"] == FINISHED)
 
     @cached_property
     def fields(self) -> StoredFields:

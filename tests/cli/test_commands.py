@@ -71,7 +71,7 @@ def rows(path: Path, name: str = "history") -> list[dict[str, str]]:
 
 def test_a_run_writes_all_its_files_into_results_by_name(results: Path) -> None:
     tables = {"history.csv", "reactions.csv", "cycles.csv"}
-    others = {"case.yaml", "summary.json", "fields.xdmf", "fields.h5"}
+    others = {"case.yaml", "summary.json", "fields.xdmf", "fields.h5", "fields", "checkpoint.h5"}
     assert {p.name for p in results.iterdir() if p.name[0] != "."} == tables | others
 
 

@@ -12,7 +12,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests.cli.test_commands import CASE, rows, wovenfab
-from wovenfab.cli.console import INTERRUPTED, was_interrupted
+from wovenfab.cli.console import was_interrupted
 
 
 def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
@@ -31,20 +31,31 @@ def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
     snes.destroy()
 
 
-def test_a_run_that_is_interrupted_keeps_its_results_and_says_where(tmp_path: Path) -> None:
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
+def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
+    number: signal.Signals, tmp_path: Path
+) -> None:
     (tmp_path / "small.yaml").write_text(CASE.replace("cycle: 8", "cycle: 20000"))
     command = [sys.executable, "-m", "wovenfab", "run", "small.yaml"]
-    history = tmp_path / "results" / "small" / "history.csv"
+    results = tmp_path / "results" / "small"
+    history = results / "history.csv"
     with subprocess.Popen(command, cwd=tmp_path, text=True, stderr=subprocess.PIPE) as running:
-        while running.poll() is None and (not history.exists() or len(rows(history.parent)) < 5):
+        while running.poll() is None and (not history.exists() or len(rows(results)) < 5):
             time.sleep(0.1)
-        running.send_signal(signal.SIGINT)
-        _, told = running.communicate()
-    assert running.returncode == INTERRUPTED
-    assert told == "wovenfab: interrupted; the results so far are in results/small\n"
-    assert [int(row["step"]) for row in rows(history.parent)][:5] == [0, 1, 2, 3, 4]
+        running.send_signal(number)
+        _, told = running.communicate(timeout=10)
+    last = rows(results)[-1]["step"]
+    assert running.returncode == 128 + number
+    assert told.startswith(f"wovenfab: {number.name} after step {last}; ") and told.count("\n") == 1
+    assert "'wovenfab resume results/small' goes on" in told
+    assert [int(row["step"]) for row in rows(results)] == list(range(int(last) + 1))
     again = wovenfab("run", "small.yaml", cwd=tmp_path)
-    assert again.returncode == 2 and "already holds results" in again.stderr
+    assert again.returncode == 2 and "did not come to its end" in again.stderr
+    until = f"{float(rows(results)[-1]['time_s']) * 1.2} s"
+    further = wovenfab("resume", "results/small", "--until", until, cwd=tmp_path)
+    assert further.returncode == 0, further.stderr
+    assert [int(row["step"]) for row in rows(results)] == list(range(len(rows(results))))
+    assert len(rows(results)) > int(last) + 1
 
 
 def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import json
 import os
 import shlex
 import sys
@@ -24,6 +25,8 @@ COMMIT = "WOVENFAB_COMMIT"
 COMMAND = "WOVENFAB_COMMAND"
 #: Marks a directory as made by wovenfab: only such a one can be overwritten.
 MARKER = ".wovenfab"
+#: Outcome in the summary of a run that made its whole program.
+FINISHED = "finished"
 #: Fingerprint of the input of finished results, where a sweep made them.
 FINGERPRINT = ".fingerprint"
 #: The last two checkpoints of a run.
@@ -245,8 +248,18 @@ def _unwritable(directory: Path, error: OSError) -> ResultsExistError:
 
 
 def _exists(directory: Path) -> ResultsExistError:
-    if (directory / "summary.json").exists():
+    if _is_finished(directory):
         remedy = "choose another directory with -o, or replace them with --overwrite"
         return ResultsExistError(f"{directory} already holds results; {remedy}")
     remedy = f"go on with 'wovenfab resume {directory}', or replace it with --overwrite"
     return ResultsExistError(f"{directory} holds a run that did not come to its end; {remedy}")
+
+
+def _is_finished(directory: Path) -> bool:
+    """Return whether a run came to its end there, or left nothing to go on from."""
+    if not any((directory / name).exists() for name in (CHECKPOINT, EARLIER_CHECKPOINT)):
+        return (directory / "summary.json").exists()
+    with suppress(OSError, ValueError, TypeError, KeyError):
+        summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
+        return bool(summary["outcome"] == FINISHED)
+    return False

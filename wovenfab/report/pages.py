@@ -13,7 +13,7 @@ import numpy as np
 from wovenfab.record.field_file import DATA, MODE
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.history import index_of_peak
-from wovenfab.record.results import this_process
+from wovenfab.record.results import FINISHED, this_process
 from wovenfab.record.summary import read_cycles
 from wovenfab.report import curves, sheet
 from wovenfab.report.page_blocks import (
@@ -58,7 +58,7 @@ class Run:
         outcome = self.source.summary.get("outcome")
         if outcome is None:
             return "Not finished: there is no summary, so the run still goes on or was killed."
-        return "Finished." if outcome == "finished" else f"Stopped early: {outcome}."
+        return "Finished." if outcome == FINISHED else f"Stopped early: {outcome}."
 
 
 def open_run(directory: str | Path) -> Run:
