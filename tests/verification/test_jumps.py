@@ -10,7 +10,7 @@ from mpi4py import MPI
 
 from tests import scenes
 from tests.outlines import SHAPES, Angles, aligned, tee, with_hole
-from tests.samples import SAMPLES
+from tests.verification.test_few_unknowns import SAMPLES
 from wovenfab.model.model import Numerics
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.fibre_mesh import across
