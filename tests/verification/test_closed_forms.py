@@ -22,7 +22,6 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import cycle, program_of, ramp
 
 K_C, ZETA, ETA = 6.0e7, 199.2e3, 70.0
-SLIDER = ("coupling", "slip_friction")
 #: Both schemes of second order share these kernels.
 TWO_STEPS = Numerics(1, history=2)
 
@@ -43,8 +42,7 @@ SECOND_AT_REST = Grip("second", (Held(), Held()), (1,))
 
 
 def whole(length: float, width: float, mesh_size: float, fibres: tuple[float, float]) -> Sheet:
-    on = scenes.sheet(length, width, mesh_size, fibres=fibres)
-    return WholeSheet(on.mesh, on.facets, on.edges, on.fibres)
+    return WholeSheet(**vars(scenes.sheet(length, width, mesh_size, fibres=fibres)))
 
 
 #: Amplitudes about the mean are half the strokes (m).
@@ -55,9 +53,15 @@ AREA = 0.02
 COULOMB = 4 * ZETA * STROKE.sum() / 2 * AREA
 
 
-def slider(fibres: tuple[float, float] = scenes.ALONG, eta: float = ETA) -> Model:
+def slider(
+    fibres: tuple[float, float] = scenes.ALONG,
+    friction: str = "slip_friction",
+    eta: float = ETA,
+    history: int = 2,
+) -> Model:
     values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA, "slope": eta}}
-    return scenes.model(whole(0.2, 0.1, 0.1, fibres), SLIDER, TWO_STEPS, values)
+    numerics = Numerics(1, history=history)
+    return scenes.model(whole(0.2, 0.1, 0.1, fibres), ("coupling", friction), numerics, values)
 
 
 def test_a_homogeneous_slip_has_the_energy_power_and_force_of_coulomb_made_smooth() -> None:

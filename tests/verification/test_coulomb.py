@@ -22,7 +22,7 @@ from tests.verification.test_closed_forms import (
     STROKE,
     ZETA,
     pushed_slider,
-    whole,
+    slider,
 )
 from wovenfab.model.model import Model, Numerics
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
@@ -50,10 +50,7 @@ def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, **numerics: 
 @pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
 def test_a_driven_slider_loses_four_zeta_amplitudes_a_cycle(count: int, scheme: str) -> None:
     """Per area and component, however few the steps; 8 amplitudes from rest in two cycles."""
-    values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA}}
-    names = ("coupling", "slip_friction:coulomb")
-    numerics = Numerics(1, history=SCHEMES[scheme].memory)
-    model = scenes.model(whole(0.2, 0.1, 0.1, scenes.ALONG), names, numerics, values)
+    model = slider(friction="slip_friction:coulomb", history=SCHEMES[scheme].memory)
     program = program_of([*cycle(0.0, 1.0, 2.0, count), *cycle(0.0, 1.0, 2.0, count)])
     steps = scenes.march(model, program, scheme, DRIVE)
     assert scenes.lost(steps[-1]) == pytest.approx(2 * COULOMB, rel=1e-9)
