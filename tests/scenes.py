@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import count
 from math import pi
 from typing import Any
 
 import numpy as np
+import pytest
 from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
 from forms import effects
+from forms.balance import Balance, FacetTerm
 from forms.effect import Effect
+from forms.kinematics import Facet
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
-from wovenfab.model.constraints import Constraints, Grip, Held
+from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet, directions, rectangle
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -67,8 +71,9 @@ def model(
     on: Sheet,
     names: Sequence[str],
     numerics: Numerics | None = None,
-    values: Mapping[str, Mapping[str, float | tuple[float, float]]] = TABLE_1,
+    values: Mapping[str, Mapping[str, Any]] = TABLE_1,
     rotation_edges: Sequence[str] = (),
+    loads: Sequence[EdgeLoad] = (),
 ) -> Model:
     """Return the compiled model of the named effects; edges hold both families' rotation.
 
@@ -76,7 +81,7 @@ def model(
     """
     chosen = [effect(name) for name in names]
     held = (rotation_edges, rotation_edges)
-    return build_model(on, chosen, values, numerics or Numerics(2), held)
+    return build_model(on, chosen, values, numerics or Numerics(2), held, loads)
 
 
 def effect(name: str) -> Effect:
@@ -114,21 +119,12 @@ def march(
     grips: Sequence[Grip] = PULL,
     options: SolverOptions | None = None,
     smallest_step: float = 1 / 64,
-    look: Callable[[Step], None] = lambda step: None,
 ) -> list[Step]:
-    """Return all steps of a march from rest; the model's field is left at its end.
-
-    ``look`` is called after each, with the field set to its state.
-    """
-    of.field.x.array[:] = 0
-    equilibrium = solver(of, grips, options)
-    marching = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step)
-    steps = []
-    for step in marching.steps():
-        look(step)
-        steps.append(step)
-    equilibrium.destroy()
-    return steps
+    """Return all steps of a run from rest, which must not fail."""
+    result = run(of, program, options, smallest_step, scheme, grips)
+    if result.failure:
+        raise result.failure
+    return result.steps
 
 
 def energy(of: Model) -> float:
@@ -136,11 +132,12 @@ def energy(of: Model) -> float:
     return assemble_scalar(of.potential, of.comm)
 
 
-def internal_force(of: Model) -> PETSc.Vec:
-    """Return the residual (N) before boundary conditions as a new vector."""
+def internal_force(of: Model) -> NDArray[np.float64]:
+    """Return the residual (N) before boundary conditions at the rank's own unknowns."""
     vector = of.field.x.petsc_vec.duplicate()
     assemble_vector(vector, of.residual)
-    return vector
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    return vector.array_r.copy()
 
 
 def tangent(of: Model, bcs: Sequence[fem.DirichletBC] = ()) -> PETSc.Mat:
@@ -154,6 +151,37 @@ def set_field(function: fem.Function, displacement: object) -> None:
     """Interpolate the same displacement (x -> (2, n)) into every placement."""
     size = function.function_space.value_shape[0] // 2
     function.interpolate(lambda x: np.vstack([displacement(x)] * size))  # type: ignore[operator]
+
+
+def swap_sides(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Swap the sides of all facets in models that are built from now on."""
+    lines = Balance.lines
+
+    def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
+        return [f_minus, f_plus, g_minus, g_plus]
+
+    def swap(line: FacetTerm) -> FacetTerm:
+        other = replace(line.place, along=-line.place.along)
+        other = other.with_measures(reorder(*line.place.measures))
+        return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
+
+    def swapped(self: Balance, *of: object) -> list[FacetTerm]:
+        return [swap(line) if isinstance(line.place, Facet) else line for line in lines(self, *of)]
+
+    monkeypatch.setattr(Balance, "lines", swapped)
+
+
+def spoil_residuals(monkeypatch: pytest.MonkeyPatch, calls: range, where: object) -> None:
+    """Let the numbered assemblies of the residual give NaN at some unknowns."""
+    number = count()
+
+    def assemble(b: PETSc.Vec, *more: object) -> object:
+        result = assemble_vector(b, *more)
+        if next(number) in calls:
+            b.array_w[where] = np.nan
+        return result
+
+    monkeypatch.setattr("wovenfab.solver.problem.assemble_vector", assemble)
 
 
 @dataclass(frozen=True)
@@ -184,15 +212,15 @@ def run(
     of.field.x.array[:] = 0
     equilibrium = solver(of, grips, options)
     stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], smallest_step, **stepping)
-    result = Run([], [], None)
+    steps, fields, failure = [], [], None
     try:
         for step in stepper.steps():
-            result.steps.append(step)
-            result.fields.append(of.field.x.array.copy())
+            steps.append(step)
+            fields.append(of.field.x.array.copy())
     except (StepFailedError, StabilityLostError) as error:
-        result = replace(result, failure=error)
+        failure = error
     equilibrium.destroy()
-    return result
+    return Run(steps, fields, failure)
 
 
 def push(

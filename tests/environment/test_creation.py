@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.environment.machine import PROJECT, Machine
+from tests.environment.conftest import PROJECT, Machine
 
 
 def wait_for(holds: Callable[[], bool]) -> None:
@@ -22,15 +22,6 @@ def wait_for(holds: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def interrupt(machine: Machine, script: str) -> None:
-    """Start a creation and kill all of it once the builder has handed over the script's output."""
-    machine.builder(script + f"\ntouch '{machine.folder}/half'; exec sleep 60")
-    process = machine.start("--where")
-    wait_for((machine.folder / "half").exists)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate()
-
-
 def test_is_made_once_and_reused(machine: Machine) -> None:
     first, second = machine.root(), machine.root()
     assert first == second
@@ -38,25 +29,25 @@ def test_is_made_once_and_reused(machine: Machine) -> None:
     assert (first / "tree" / "usr" / "bin" / "sh").is_file()
 
 
-def test_an_interrupted_creation_is_not_taken_for_a_finished_one(machine: Machine) -> None:
-    interrupt(machine, f"head -c 100000 '{machine.archive}'")
+def test_an_interrupted_creation_is_made_anew_and_what_it_left_removed(machine: Machine) -> None:
+    half, given = machine.folder / "half", f"head -c 100000 '{machine.archive}'"
+    machine.builder(f"touch \"$TMPDIR/left\"; {given}; touch '{half}'; exec sleep 60")
+    process = machine.start("--where")
+    wait_for(half.exists)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.communicate()
     assert not list(machine.roots.glob("*/ready"))
-    machine.builder()
-    assert (machine.root() / "tree" / "usr" / "bin" / "env").is_file()
-    assert machine.built == 2
-
-
-def test_what_an_interruption_left_is_removed(machine: Machine) -> None:
-    interrupt(machine, 'touch "$TMPDIR/left"')
     (partial,) = machine.roots.glob("*.partial")
     scratch = Path((partial / "scratch").read_text().strip())
     assert (scratch / "left").exists()
     (partial / "tree" / "stale").touch()
     machine.builder()
     root = machine.root()
+    assert (root / "tree" / "usr" / "bin" / "env").is_file()
     assert not (root / "tree" / "stale").exists()
     assert not scratch.exists()
     assert not partial.exists()
+    assert machine.built == 2
 
 
 @pytest.mark.parametrize("script", ["exit 1", "echo not a tar file; exit 0"])
@@ -81,21 +72,25 @@ def test_two_at_once_make_it_once_and_the_second_says_that_it_waits(machine: Mac
     assert machine.built == 1
 
 
-def test_another_package_list_is_another_environment(clone: Machine) -> None:
-    first = clone.root()
-    packages = clone.project / "env" / "packages.txt"
-    packages.write_text(packages.read_text() + "hello  # one more\n")
+def test_another_package_list_is_another_environment_but_comments_and_order_are_not(
+    clone: Machine,
+) -> None:
+    first, listed = clone.root(), clone.packages.read_text()
+    lines = [line.split("#")[0] for line in listed.splitlines()]
+    clone.packages.write_text("# other words\n\n" + "\n".join(reversed(lines)) + "\n")
+    assert clone.root() == first
+    clone.packages.write_text(listed + "hello  # one more\n")
     assert clone.root() != first
     assert clone.built == 2
 
 
 def test_another_list_stands_beside_the_projects_own(machine: Machine) -> None:
-    own = machine.root()
-    (machine.folder / "viewer.txt").write_text("paraview  # looks at results\n")
-    run = machine.enter("--where", WOVENFAB_PACKAGES=str(machine.folder / "viewer.txt"))
-    assert Path(run.stdout.strip()) != own
+    own, viewer = machine.root(), machine.folder / "viewer.txt"
+    viewer.write_text("paraview  # looks at results\n")
+    other = machine.root(WOVENFAB_PACKAGES=str(viewer))
+    assert other != own
     assert (own / "ready").exists()
-    assert (Path(run.stdout.strip()) / "ready").read_text() == "paraview\n"
+    assert (other / "ready").read_text() == "paraview\n"
 
 
 def test_another_suite_is_another_environment_made_without_a_look_at_its_dates(
@@ -104,8 +99,7 @@ def test_another_suite_is_another_environment_made_without_a_look_at_its_dates(
     own = machine.root()
     machine.builder(f'printf "%s\\n" "$@" >\'{machine.folder}/asked\'')
     settings = {"WOVENFAB_SUITE": "sid", "WOVENFAB_MIRROR": "http://mirror/debian"}
-    run = machine.enter("--where", **settings)
-    assert Path(run.stdout.strip()) != own
+    assert machine.root(**settings) != own
     asked = (machine.folder / "asked").read_text().splitlines()
     assert asked[-3:] == ["sid", "-", "deb [trusted=yes] http://mirror/debian sid main"]
     assert '--aptopt=Acquire::Check-Valid-Until "false"' in asked
@@ -125,24 +119,13 @@ def test_two_installations_at_once_wait_for_each_other(machine: Machine) -> None
     assert run.returncode == 0, run.stderr
 
 
-def test_comments_and_order_do_not_make_another_environment(clone: Machine) -> None:
-    first = clone.root()
-    packages = clone.project / "env" / "packages.txt"
-    lines = [line.split("#")[0] for line in packages.read_text().splitlines()]
-    packages.write_text("# other words\n\n" + "\n".join(reversed(lines)) + "\n")
-    assert clone.root() == first
-
-
 def test_an_environment_of_an_old_list_goes_after_30_days_without_use(clone: Machine) -> None:
-    packages = clone.project / "env" / "packages.txt"
     made = []
-    for name in ("first", "second", "third"):
-        packages.write_text(f"{name}\n")
+    for days in (31, 29, 0):
+        clone.packages.write_text(f"unused for {days} days\n".replace(" ", "-"))
         made.append(clone.root())
-        days = {"first": 31, "second": 29, "third": 0}[name]
-        if name != "third":
-            stamp = time.time() - days * 86400
-            os.utime(made[-1] / "ready", (stamp, stamp))
+        stamp = time.time() - days * 86400
+        os.utime(made[-1] / "ready", (stamp, stamp))
     assert [root.exists() for root in made] == [False, True, True]
 
 

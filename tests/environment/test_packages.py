@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.environment.machine import PROJECT
+from tests.environment.conftest import PROJECT
 
 LINES = (PROJECT / "env" / "packages.txt").read_text().splitlines()
 PACKAGES = [line.split("#")[0].strip() for line in LINES if line.split("#")[0].strip()]

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.environment.machine import PROJECT, Machine
+from tests.environment.conftest import PROJECT, Machine
 
 PRIVATE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
 can_mount = pytest.mark.skipif(
@@ -25,13 +25,9 @@ MOUNTS = {"tmpfs": "mount -t tmpfs none {at}", "bind": "mount --bind {outside} {
 
 def privately(script: str, machine: Machine) -> subprocess.CompletedProcess[str]:
     """Run a bash script in a mount namespace of its own."""
-    return subprocess.run(
-        [*PRIVATE, "bash", "-euc", script],
-        env=machine.variables(),
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
+    command = [*PRIVATE, "bash", "-euc", script]
+    settings = machine.variables()
+    return subprocess.run(command, env=settings, capture_output=True, text=True, timeout=60)
 
 
 def outside(machine: Machine) -> Path:
@@ -40,11 +36,6 @@ def outside(machine: Machine) -> Path:
     folder.mkdir()
     (folder / "thesis").write_text("precious")
     return folder
-
-
-def contents(folder: Path) -> set[Path]:
-    """Return everything below a folder."""
-    return set(folder.rglob("*"))
 
 
 @can_mount
@@ -56,7 +47,7 @@ def test_is_refused_while_something_is_mounted_below(
     root, data = machine.root(), outside(machine)
     at = root / place
     at.mkdir()
-    before = contents(root)
+    before = set(root.rglob("*"))
     mount = MOUNTS[kind].format(at=f"$'{at}'".replace("\t", "\\t"), outside=f"'{data}'")
     inside = f"$'{at / 'inside'}'".replace("\t", "\\t")
     run = privately(
@@ -68,7 +59,7 @@ def test_is_refused_while_something_is_mounted_below(
     assert (run.stdout, run.returncode) == ("intact\n", 1), run.stderr
     assert "unmount" in run.stderr
     assert str(at) in run.stderr
-    assert contents(root) == before
+    assert set(root.rglob("*")) == before
     assert (data / "thesis").read_text() == "precious"
     assert machine.enter("--remove").returncode == 0
     assert not root.exists()
@@ -104,12 +95,16 @@ def test_does_not_cross_a_file_system_even_where_the_mount_went_unseen(machine: 
     assert "could not remove all" in run.stderr
 
 
-def test_does_not_follow_links(machine: Machine) -> None:
+def test_leaves_no_root_and_no_cache_and_follows_no_links(machine: Machine) -> None:
     root, data = machine.root(), outside(machine)
     (root / "tree" / "data").symlink_to(data)
+    jit = machine.roots.parent / "cache" / "fenics"
+    jit.mkdir(parents=True)
     assert machine.enter("--remove").returncode == 0
     assert not root.exists()
     assert (data / "thesis").read_text() == "precious"
+    assert [path.suffix for path in machine.roots.iterdir()] == [".lock"]
+    assert not jit.exists()
 
 
 def test_is_refused_for_a_link_in_the_place_of_the_folder(machine: Machine) -> None:
@@ -132,12 +127,3 @@ def test_is_refused_while_a_command_runs_in_it(machine: Machine) -> None:
         assert (root / "tree" / "usr" / "bin" / "sh").exists()
     assert machine.enter("--remove").returncode == 0
     assert not root.exists()
-
-
-def test_leaves_no_root_and_no_cache(machine: Machine) -> None:
-    machine.root()
-    jit = machine.roots.parent / "cache" / "fenics"
-    jit.mkdir(parents=True)
-    assert machine.enter("--remove").returncode == 0
-    assert [path.suffix for path in machine.roots.iterdir()] == [".lock"]
-    assert not jit.exists()

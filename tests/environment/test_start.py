@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.environment.machine import Machine
+from tests.environment.conftest import Machine
 
 TRIES = {
     "bwrap": ["bwrap", "--ro-bind", "/", "/", "--dev", "/dev", "--unshare-pid", "--proc", "/proc"],

@@ -6,16 +6,13 @@ like the others as soon as its file is there.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import cos, pi, sin
 
 import numpy as np
 import pytest
 
 from forms import effects
-from forms.balance import Balance, FacetTerm
 from forms.effect import Effect
-from forms.kinematics import Facet
 from tests import scenes
 from wovenfab.model.model import Model, Numerics
 
@@ -23,10 +20,12 @@ ALL = list(effects().values())
 STORED = [e for e in ALL if not e.dissipative]
 STRAINED = [e for e in ALL if e.strains is not None]
 ON_FACETS = [e for e in ALL if e.facet_strains is not None]
+SHEET = scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9))
 
 
-def name_of(effect: Effect) -> str:
-    return effect.name
+def each(effects: list[Effect]) -> pytest.MarkDecorator:
+    """Return the mark of a test that runs with each of some effects."""
+    return pytest.mark.parametrize("effect", effects, ids=lambda effect: effect.name)
 
 
 def plain_values(effect: Effect) -> dict[str, float | tuple[float, float]]:
@@ -39,14 +38,9 @@ def plain_values(effect: Effect) -> dict[str, float | tuple[float, float]]:
 
 def scene(effect: Effect, mixed: bool = False, values: dict | None = None) -> Model:
     """Return a model of the effect alone in a random, strongly deformed state."""
+    numerics = Numerics(2, history=2, mixed=mixed)
     numbers = {effect.name: values or plain_values(effect)}
-    model = scenes.model(
-        scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9)),
-        [effect.name],
-        Numerics(2, history=2, mixed=mixed),
-        numbers,
-        rotation_edges=("left",),
-    )
+    model = scenes.model(SHEET, [effect.name], numerics, numbers, rotation_edges=("left",))
     random = np.random.default_rng(20)
     for field in (model.field, *model.history):
         field.x.array[:] = 0.02 * random.standard_normal(field.x.array.size)
@@ -56,58 +50,44 @@ def scene(effect: Effect, mixed: bool = False, values: dict | None = None) -> Mo
     return model
 
 
-def residual(model: Model) -> np.ndarray:
-    vector = scenes.internal_force(model)
-    values = vector.array_r.copy()
-    vector.destroy()
-    return values
-
-
 def jacobian_times(model: Model, direction: np.ndarray) -> np.ndarray:
     matrix = scenes.tangent(model)
     x, y = matrix.createVecs()
     x.array_w[:] = direction
     matrix.mult(x, y)
-    product = y.array_r.copy()
-    for item in (x, y, matrix):
-        item.destroy()
-    return product
+    return y.array_r.copy()
 
 
-def taylor_orders(remainders: list[float]) -> np.ndarray:
-    return np.log2(np.array(remainders[:-1]) / np.array(remainders[1:]))
-
-
-@pytest.mark.parametrize("effect", ALL, ids=name_of)
+@each(ALL)
 def test_residual_is_the_derivative_of_the_potential(effect: Effect) -> None:
     model = scene(effect)
     start = model.field.x.array.copy()
     direction = np.random.default_rng(21).standard_normal(start.size)
-    slope, at_start = residual(model) @ direction, scenes.energy(model)
+    slope, at_start = scenes.internal_force(model) @ direction, scenes.energy(model)
     remainders = []
     for h in 2e-4 / 2.0 ** np.arange(4):
         model.field.x.array[:] = start + h * direction
         remainders.append(abs(scenes.energy(model) - at_start - h * slope))
-    assert taylor_orders(remainders).min() > 1.9
+    assert scenes.orders(remainders).min() > 1.9
     assert slope != 0
 
 
-@pytest.mark.parametrize("effect", ALL, ids=name_of)
+@each(ALL)
 def test_jacobian_is_the_derivative_of_the_residual(effect: Effect) -> None:
     model = scene(effect)
     start = model.field.x.array.copy()
     direction = np.random.default_rng(22).standard_normal(start.size)
-    product, at_start = jacobian_times(model, direction), residual(model)
+    product, at_start = jacobian_times(model, direction), scenes.internal_force(model)
     remainders = []
     for h in 2e-4 / 2.0 ** np.arange(4):
         model.field.x.array[:] = start + h * direction
-        remainders.append(np.linalg.norm(residual(model) - at_start - h * product))
+        remainders.append(np.linalg.norm(scenes.internal_force(model) - at_start - h * product))
     linear = remainders[0] < 1e-12 * np.linalg.norm(product)
-    assert linear or taylor_orders(remainders).min() > 1.9
+    assert linear or scenes.orders(remainders).min() > 1.9
     assert np.linalg.norm(product) > 0
 
 
-@pytest.mark.parametrize("effect", ALL, ids=name_of)
+@each(ALL)
 def test_jacobian_is_symmetric(effect: Effect) -> None:
     model = scene(effect)
     a, b = np.random.default_rng(23).standard_normal((2, model.field.x.array.size))
@@ -115,7 +95,7 @@ def test_jacobian_is_symmetric(effect: Effect) -> None:
     assert left == pytest.approx(right, rel=1e-11)
 
 
-@pytest.mark.parametrize("effect", ALL, ids=name_of)
+@each(ALL)
 def test_mixed_tangent_is_the_plain_one_where_the_last_iterate_is_the_present(
     effect: Effect,
 ) -> None:
@@ -126,7 +106,7 @@ def test_mixed_tangent_is_the_plain_one_where_the_last_iterate_is_the_present(
     )
 
 
-@pytest.mark.parametrize("effect", STRAINED, ids=name_of)
+@each(STRAINED)
 def test_the_positive_part_of_a_tangent_is_positive_where_the_whole_one_is_not(
     effect: Effect,
 ) -> None:
@@ -135,7 +115,6 @@ def test_the_positive_part_of_a_tangent_is_positive_where_the_whole_one_is_not(
         model.geometric_weight.value = share
         matrix = scenes.tangent(model)
         values = np.linalg.eigvalsh(matrix.convert("dense").getDenseArray())
-        matrix.destroy()
         lowest.append(values[0] / values[-1])
     whole, part = lowest
     assert whole < -0.1
@@ -160,17 +139,13 @@ def test_jacobian_changes_when_the_parameter_does(effect: Effect, parameter: str
     assert np.linalg.norm(after - before) > 1e-4 * np.linalg.norm(before)
 
 
-@pytest.mark.parametrize("effect", STORED, ids=name_of)
+@each(STORED)
 @pytest.mark.parametrize("angle", [pi / 2, 2.1])
 def test_rigid_rotation_stores_nothing_and_needs_no_force(effect: Effect, angle: float) -> None:
-    model = scenes.model(
-        scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9)),
-        [effect.name],
-        values={effect.name: plain_values(effect)},
-    )
+    model = scenes.model(SHEET, [effect.name], values={effect.name: plain_values(effect)})
     turn = np.array([[cos(angle) - 1, -sin(angle)], [sin(angle), cos(angle) - 1]])
     scenes.set_field(model.field, lambda x: turn @ x[:2])
-    force, stored = residual(model), scenes.energy(model)
+    force, stored = scenes.internal_force(model), scenes.energy(model)
     # Round-off is measured by what a random displacement of that size would need.
     random = np.random.default_rng(26).standard_normal(force.size)
     needed = jacobian_times(model, random)
@@ -178,28 +153,15 @@ def test_rigid_rotation_stores_nothing_and_needs_no_force(effect: Effect, angle:
     assert abs(stored) < 1e-24 * abs(random @ needed)
 
 
-@pytest.mark.parametrize("effect", ON_FACETS, ids=name_of)
+@each(ON_FACETS)
 def test_swapping_the_sides_of_every_facet_changes_nothing(
     effect: Effect, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     model = scene(effect)
-    as_built = residual(model)
+    as_built = scenes.internal_force(model)
 
-    def swapped(self: Balance, *of: object) -> list[FacetTerm]:
-        return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self, *of)]
-
-    def swap(line: FacetTerm) -> FacetTerm:
-        f_plus, f_minus, g_plus, g_minus = line.place.measures
-        other = replace(line.place, along=-line.place.along)
-        other = other.with_measures([f_minus, f_plus, g_minus, g_plus])
-        return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
-
-    def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
-        return [f_minus, f_plus, g_minus, g_plus]
-
-    whole = Balance.lines
-    monkeypatch.setattr(Balance, "lines", swapped)
-    assert residual(scene(effect)) == pytest.approx(as_built, rel=1e-12, abs=1e-13)
+    scenes.swap_sides(monkeypatch)
+    assert scenes.internal_force(scene(effect)) == pytest.approx(as_built, rel=1e-12, abs=1e-13)
 
 
 def test_the_six_effects_of_the_paper_are_there() -> None:

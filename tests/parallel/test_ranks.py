@@ -7,17 +7,13 @@ compiled by all ranks together first, so that no two compile the same one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from mpi4py import MPI
-from petsc4py import PETSc
 
-from forms.balance import Balance, FacetTerm
-from forms.kinematics import Facet
 from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.compat import NOT_FINITE
@@ -26,7 +22,6 @@ from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
-from wovenfab.solver import problem as solver_module
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLoss
@@ -162,21 +157,12 @@ def wavy_sheet(comm: MPI.Comm, names: tuple[str, ...] = scenes.BONDED) -> Model:
     return model
 
 
-def own_force(model: Model) -> np.ndarray:
-    """Return the assembled force at the rank's own unknowns."""
-    vector = scenes.internal_force(model)
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    values = vector.array_r.copy()
-    vector.destroy()
-    return values
-
-
 @pytest.mark.parametrize("names", [scenes.BONDED, scenes.COUPLED], ids=["one", "two placements"])
 def test_the_assembled_force_is_the_same_at_every_place(names: tuple[str, ...]) -> None:
     states = []
     for comm in (COMM, ALONE):
         model = wavy_sheet(comm, names)
-        force = own_force(model).reshape(-1, 2)
+        force = scenes.internal_force(model).reshape(-1, 2)
         places = model.placements.positions[: len(force)]
         if comm.size > 1:
             force = np.concatenate(comm.allgather(force))
@@ -191,21 +177,9 @@ def test_the_assembled_force_is_the_same_at_every_place(names: tuple[str, ...]) 
 
 def test_swapping_the_sides_of_facets_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ranks may see the sides of a shared facet in different order."""
-    as_built, whole = own_force(wavy_sheet(COMM)), Balance.lines
-
-    def reorder(f_plus: object, f_minus: object, g_plus: object, g_minus: object) -> list:
-        return [f_minus, f_plus, g_minus, g_plus]
-
-    def swap(line: FacetTerm) -> FacetTerm:
-        other = replace(line.place, along=-line.place.along)
-        other = other.with_measures(reorder(*line.place.measures))
-        return replace(line, place=other, vary=lambda v: reorder(*line.vary(v)))
-
-    def swapped(self: Balance, *of: object) -> list[FacetTerm]:
-        return [swap(line) if isinstance(line.place, Facet) else line for line in whole(self, *of)]
-
-    monkeypatch.setattr(Balance, "lines", swapped)
-    other = own_force(wavy_sheet(COMM))
+    as_built = scenes.internal_force(wavy_sheet(COMM))
+    scenes.swap_sides(monkeypatch)
+    other = scenes.internal_force(wavy_sheet(COMM))
     assert other == pytest.approx(as_built, rel=1e-9, abs=1e-12 * np.abs(as_built).max())
 
 
@@ -226,15 +200,8 @@ def test_a_failure_at_the_barrier_reaches_every_rank_alike() -> None:
 
 
 def test_a_nan_on_one_rank_stops_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = solver_module.assemble_vector
-
-    def assemble(b: object, form: object, *more: object) -> object:
-        result = whole(b, form, *more)
-        if COMM.rank == COMM.size - 1:
-            b.array_w[:] = np.nan  # type: ignore[attr-defined]
-        return result
-
-    monkeypatch.setattr(solver_module, "assemble_vector", assemble)
+    here = slice(None) if COMM.rank == COMM.size - 1 else slice(0)
+    scenes.spoil_residuals(monkeypatch, range(10**6), here)
     program = program_of([ramp(0.0, 0.02, 1.0, 2)])
     accepted, message, _ = failed(program, SolverOptions())
     assert accepted == 1

@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms import effects
 from tests import scenes
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.problem import SolverOptions
-from wovenfab.stepping.program import Program, cycle, program_of, ramp
+from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import StartFailedError, Step
 
@@ -33,10 +32,9 @@ def model_with(
     comm: MPI.Comm = MPI.COMM_WORLD,
     scheme: str = "bdf2",
 ) -> Model:
-    chosen = [effects()[name] for name in names]
     sheet = scenes.sheet(fibres=fibres, comm=comm)
     numerics = Numerics(2, history=SCHEMES[scheme].memory)
-    return build_model(sheet, chosen, scenes.TABLE_1, numerics, loads=loads)
+    return scenes.model(sheet, names, numerics, loads=loads)
 
 
 def imbalances(steps: list[Step]) -> np.ndarray:
@@ -164,7 +162,7 @@ def test_a_start_that_would_buckle_is_refused() -> None:
 @pytest.mark.mpi4
 def test_ranks_agree_on_loads_and_their_work() -> None:
     load = EdgeLoad("right", (0, 1), (lambda x, program: 2e4 * program * (1 + x[1]), 0.0))
-    program: Program = program_of(cycle(0.0, 0.04, 0.2, 8))
+    program = program_of(cycle(0.0, 0.04, 0.2, 8))
     together, alone = (
         scenes.march(model_with([WEIGHT, load], comm=comm), program, "bdf2", HELD, TIGHT)
         for comm in (MPI.COMM_WORLD, MPI.COMM_SELF)

@@ -124,26 +124,13 @@ def test_a_failure_says_when_where_and_why() -> None:
     )
 
 
-def poisoned(monkeypatch: pytest.MonkeyPatch, calls: range, where: object) -> None:
-    """Let the numbered assemblies of the residual give NaN at some unknowns."""
-    whole, number = solver_module.assemble_vector, count()
-
-    def assemble(b: object, form: object, *more: object) -> object:
-        result = whole(b, form, *more)
-        if next(number) in calls:
-            b.array_w[where] = np.nan  # type: ignore[attr-defined]
-        return result
-
-    monkeypatch.setattr(solver_module, "assemble_vector", assemble)
-
-
 @pytest.mark.parametrize("everywhere", [True, False], ids=["everywhere", "at the grip alone"])
 def test_a_nan_that_stays_ends_as_a_failure(
     monkeypatch: pytest.MonkeyPatch, everywhere: bool
 ) -> None:
     model = bonded()
     held = 2 * model.placements.on_facets(model.sheet.edge_facets("right"), 0)
-    poisoned(monkeypatch, range(12, 10**6), slice(None) if everywhere else held)
+    scenes.spoil_residuals(monkeypatch, range(12, 10**6), slice(None) if everywhere else held)
     run = scenes.run(model, pull(0.04, 8))
     assert isinstance(run.failure, StepFailedError)
     assert run.failure.result.reason == NOT_FINITE
@@ -157,7 +144,7 @@ def test_a_nan_that_stays_ends_as_a_failure(
 def test_a_nan_that_passes_costs_one_cut_back(monkeypatch: pytest.MonkeyPatch) -> None:
     model = bonded()
     clean = scenes.run(model, pull(0.04, 8))
-    poisoned(monkeypatch, range(12, 13), slice(None))
+    scenes.spoil_residuals(monkeypatch, range(12, 13), slice(None))
     run = scenes.run(model, pull(0.04, 8))
     assert run.failure is None
     assert sum(s.cutbacks for s in run.steps) == 1 and len(run.steps) == len(clean.steps) + 1

@@ -82,7 +82,7 @@ def test_the_limit_of_steps_of_second_order() -> None:
 @pytest.mark.parametrize(
     ("name", "to", "degree", "mesh_size", "limit"),
     [
-        # limits as in tests/verification/test_bonded.py and test_sliding.py
+        # limits as in tests/verification/test_few_unknowns.py
         ("bonded-1x3", 40, 3, 0.1, 637.31),
         ("bonded-1x3", 40, 4, 0.1, 637.31),
         ("elastic-1x3", 20, 3, 0.1, 122.1105),

@@ -7,7 +7,7 @@ coupling (and the friction) like a beam or a bar on its foundation.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import atan, atanh, cos, pi, sin, sqrt, tanh
 
 import numpy as np
@@ -17,13 +17,11 @@ from scipy.integrate import quad, solve_ivp
 
 from tests import scenes
 from wovenfab.model.constraints import EdgeLoad, Grip, Held
-from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.model import Model, Numerics
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import cycle, program_of, ramp
 
-ALONG = (0.0, pi / 2)
 K_C, ZETA, ETA = 6.0e7, 199.2e3, 70.0
-SLIDER = ("coupling", "slip_friction")
 #: Both schemes of second order share these kernels.
 TWO_STEPS = Numerics(1, history=2)
 
@@ -44,8 +42,7 @@ SECOND_AT_REST = Grip("second", (Held(), Held()), (1,))
 
 
 def whole(length: float, width: float, mesh_size: float, fibres: tuple[float, float]) -> Sheet:
-    on = scenes.sheet(length, width, mesh_size, fibres=fibres)
-    return WholeSheet(on.mesh, on.facets, on.edges, on.fibres)
+    return WholeSheet(**vars(scenes.sheet(length, width, mesh_size, fibres=fibres)))
 
 
 #: Amplitudes about the mean are half the strokes (m).
@@ -56,9 +53,15 @@ AREA = 0.02
 COULOMB = 4 * ZETA * STROKE.sum() / 2 * AREA
 
 
-def slider(fibres: tuple[float, float] = ALONG, eta: float = ETA) -> Model:
+def slider(
+    fibres: tuple[float, float] = scenes.ALONG,
+    friction: str = "slip_friction",
+    eta: float = ETA,
+    history: int = 2,
+) -> Model:
     values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA, "slope": eta}}
-    return scenes.model(whole(0.2, 0.1, 0.1, fibres), SLIDER, TWO_STEPS, values)
+    numerics = Numerics(1, history=history)
+    return scenes.model(whole(0.2, 0.1, 0.1, fibres), ("coupling", friction), numerics, values)
 
 
 def test_a_homogeneous_slip_has_the_energy_power_and_force_of_coulomb_made_smooth() -> None:
@@ -76,9 +79,7 @@ def test_a_homogeneous_slip_has_the_energy_power_and_force_of_coulomb_made_smoot
     assert model.dissipated_power()["slip_friction"] == pytest.approx(
         friction @ along * AREA, rel=1e-10
     )
-    vector = scenes.internal_force(model)
-    resultant = vector.array_r.reshape(-1, 4).sum(axis=0)
-    vector.destroy()
+    resultant = scenes.internal_force(model).reshape(-1, 4).sum(axis=0)
     force = AREA * (K_C * slip + friction @ model.sheet.fibres)
     assert resultant == pytest.approx(np.concatenate([force, -force]), rel=1e-10)
 
@@ -113,10 +114,9 @@ def pushed_slider(
         "coupling": {"stiffness": K_C},
         "slip_friction": {"strength": ZETA, "slope": ETA},
     }
-    chosen = [scenes.effect(name) for name in ("stretch", "coupling", friction)]
-    load = EdgeLoad("right", (0,), (push, 0.0))
-    on = whole(length, 0.1, 0.1, ALONG)
-    return build_model(on, chosen, values, replace(TWO_STEPS, history=history), loads=[load])
+    names, load = ("stretch", "coupling", friction), EdgeLoad("right", (0,), (push, 0.0))
+    on = whole(length, 0.1, 0.1, scenes.ALONG)
+    return scenes.model(on, names, Numerics(1, history=history), values, loads=[load])
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
@@ -155,7 +155,7 @@ def layer(cells: int, k_e: float) -> Model:
         "bending": {"stiffness": (0.25, 0.25)},
         "coupling": {"stiffness": 1.0},
     }
-    on = whole(8.0, 8.0 / cells, 8.0 / cells, ALONG)
+    on = whole(8.0, 8.0 / cells, 8.0 / cells, scenes.ALONG)
     return scenes.model(on, scenes.COUPLED, scenes.PROTOTYPE, values)
 
 

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from forms import effects
 from tests import scenes
 from tests.verification.test_closed_forms import (
-    ALONG,
     AREA,
     COULOMB,
     DRIVE,
@@ -23,11 +22,12 @@ from tests.verification.test_closed_forms import (
     STROKE,
     ZETA,
     pushed_slider,
-    whole,
+    slider,
 )
 from wovenfab.model.model import Model, Numerics
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.time_stepper import TimeStepper
 
 #: Most iterations of a step.
 MOST = 12
@@ -40,10 +40,6 @@ def route(speed: float = 1.0) -> Program:
     return program_of([ramp(a, b, time / speed, count) for a, b, time, count in ROUTE])
 
 
-def losses(steps: list[Step]) -> NDArray[np.float64]:
-    return np.diff([scenes.lost(s) for s in steps])
-
-
 def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, **numerics: int) -> Model:
     values = {**scenes.TABLE_1, kind: {"strength": KINDS[kind], "slope": slope}}
     names = (*scenes.COUPLED, f"{kind}:{law}")
@@ -54,14 +50,11 @@ def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, **numerics: 
 @pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
 def test_a_driven_slider_loses_four_zeta_amplitudes_a_cycle(count: int, scheme: str) -> None:
     """Per area and component, however few the steps; 8 amplitudes from rest in two cycles."""
-    values = {"coupling": {"stiffness": K_C}, "slip_friction": {"strength": ZETA}}
-    names = ("coupling", "slip_friction:coulomb")
-    numerics = Numerics(1, history=1 if scheme == "backward-euler" else 2)
-    model = scenes.model(whole(0.2, 0.1, 0.1, ALONG), names, numerics, values)
+    model = slider(friction="slip_friction:coulomb", history=SCHEMES[scheme].memory)
     program = program_of([*cycle(0.0, 1.0, 2.0, count), *cycle(0.0, 1.0, 2.0, count)])
     steps = scenes.march(model, program, scheme, DRIVE)
     assert scenes.lost(steps[-1]) == pytest.approx(2 * COULOMB, rel=1e-9)
-    assert (losses(steps) > 0).all()
+    assert (np.diff([*map(scenes.lost, steps)]) > 0).all()
     missing = np.array([scenes.imbalance(s) for s in steps])
     assert missing == pytest.approx(0, abs=1e-8 * scenes.lost(steps[-1]))
     for before, now in pairwise(steps):
@@ -101,19 +94,19 @@ def test_the_speed_does_not_matter(kind: str) -> None:
         assert loop == pytest.approx(loops[0], rel=0, abs=1e-10 * size)
 
 
-@pytest.mark.parametrize("scheme", ["backward-euler", "bdf2", "midpoint"])
+@pytest.mark.parametrize("scheme", SCHEMES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_stress_stays_bounded_and_no_step_gains_energy(kind: str, scheme: str) -> None:
-    model = sheet_with(kind, history=1 if scheme == "backward-euler" else 2)
-    largest = []
-
-    def record(_: Step) -> None:
-        largest.append(max(float(np.abs(c.stress.x.array).max()) for c in model.point_frictions))
-
-    steps = scenes.march(model, route(), scheme, look=record)
+    model = sheet_with(kind, history=SCHEMES[scheme].memory)
+    equilibrium = scenes.solver(model)
+    steps, largest = [], []
+    for step in TimeStepper(equilibrium, route(), SCHEMES[scheme], 1 / 64).steps():
+        steps.append(step)
+        largest += [np.abs(one.stress.x.array).max() for one in model.point_frictions]
+    equilibrium.destroy()
     assert max(largest) <= KINDS[kind]
     assert max(largest) > 0.99 * KINDS[kind]  # somewhere it slides
-    assert losses(steps).min() >= 0
+    assert np.diff([*map(scenes.lost, steps)]).min() >= 0
     assert max(s.iterations for s in steps) <= MOST
 
 

@@ -6,7 +6,7 @@ direction, its right edge is moved across and is free along.
 
 from __future__ import annotations
 
-from math import asin, pi, sin, sqrt
+from math import asin, sin, sqrt
 
 import numpy as np
 from scipy.optimize import brentq
@@ -42,7 +42,7 @@ def elastica(load: float) -> tuple[float, float]:
 
 def errors(cells: int) -> np.ndarray:
     """Return the relative errors of load and shortening, shape (loads, 2)."""
-    on = scenes.sheet(1.0, WIDTH, 1 / cells, fibres=(0.0, pi / 2))
+    on = scenes.sheet(1.0, WIDTH, 1 / cells, fibres=scenes.ALONG)
     model = scenes.model(on, scenes.BONDED, Numerics(3), VALUES, rotation_edges=("left",))
     exact = np.array([elastica(load) for load in LOADS])
     program = program_of(table(0.0, (1.0, 2.0, 3.0, 4.0), tuple(exact[:, 1])))

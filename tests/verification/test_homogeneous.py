@@ -14,7 +14,6 @@ from wovenfab.model.model import Model
 from wovenfab.solver.problem import SolverOptions
 
 LENGTH, WIDTH = 0.9, 0.3
-ALONG = (0.0, pi / 2)
 VALUES = {
     "stretch": {"stiffness": (1.27e8, 0.45e8)},
     "shear": {"stiffness": 400.0},
@@ -50,16 +49,9 @@ def shear(gamma: float) -> tuple[float, float]:
     return 200.0 * tan(gamma) ** 2 * area, 400.0 * tan(gamma) / cos(gamma) ** 2 * area
 
 
-def internal_force(model: Model) -> np.ndarray:
-    vector = scenes.internal_force(model)
-    values = vector.array_r.copy()
-    vector.destroy()
-    return values
-
-
 @pytest.mark.parametrize("family", [0, 1])
 def test_uniaxial_pull_along_a_fibre_meets_that_familys_stiffness(family: int) -> None:
-    model = sheet_model(ALONG)
+    model = sheet_model(scenes.ALONG)
     size, across = (LENGTH, WIDTH) if family == 0 else (WIDTH, LENGTH)
     strain, edge = 0.01, ("right", "top")[family]
     pull = Grip(edge, (Held(1.0), None) if family == 0 else (None, Held(1.0)))
@@ -72,7 +64,7 @@ def test_uniaxial_pull_along_a_fibre_meets_that_familys_stiffness(family: int) -
 
 
 def test_biaxial_pull_along_the_fibres_meets_each_familys_stiffness() -> None:
-    right, top = stretched(sheet_model(ALONG), 1.01, 1.015)
+    right, top = stretched(sheet_model(scenes.ALONG), 1.01, 1.015)
     first, second = VALUES["stretch"]["stiffness"]
     assert right == pytest.approx(first * 0.01 * WIDTH, rel=1e-10)
     assert top == pytest.approx(second * 0.015 * LENGTH, rel=1e-10)
@@ -100,7 +92,7 @@ def test_a_picture_frame_along_the_bias_meets_shear_alone() -> None:
     assert model.stored_energy()["shear"] == pytest.approx(energy, rel=1e-10)
 
 
-@pytest.mark.parametrize("fibres", [ALONG, (pi / 2, 0.0), scenes.BIAS, (0.2, 0.2 - pi / 2)])
+@pytest.mark.parametrize("fibres", [scenes.ALONG, (pi / 2, 0.0), scenes.BIAS, (0.2, 0.2 - pi / 2)])
 @pytest.mark.parametrize("gamma", [0.5, -0.9])
 def test_homogeneous_shear_has_its_energy_and_torque(
     fibres: tuple[float, float], gamma: float
@@ -125,7 +117,7 @@ def test_homogeneous_shear_has_its_energy_and_torque(
     assert velocity == pytest.approx(approximate, abs=1e-6)
     motion = fem.Function(model.space)
     scenes.set_field(motion, lambda x: velocity @ x[:2])
-    assert internal_force(model) @ motion.x.array == pytest.approx(torque, rel=1e-10)
+    assert scenes.internal_force(model) @ motion.x.array == pytest.approx(torque, rel=1e-10)
 
 
 @pytest.mark.parametrize("fibres", [(0.3, -0.9), (0.0, 0.5), (0.1, 2.9)])
@@ -133,7 +125,7 @@ def test_fibres_that_are_not_orthogonal_rest_without_stress(fibres: tuple[float,
     model = sheet_model(fibres)
     model.field.x.array[:] = 0
     assert sum(abs(e) for e in model.stored_energy().values()) < 1e-20
-    assert np.abs(internal_force(model)).max() < 1e-7  # round-off of 1e8 N/m
+    assert np.abs(scenes.internal_force(model)).max() < 1e-7  # round-off of 1e8 N/m
     reactions = scenes.force(model, scenes.PULL, 0.0)
     assert np.abs(list(reactions.values())).max() < 1e-7
 

@@ -7,10 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
 
 from tests import scenes
 from tests.outlines import SHAPES, Angles, aligned, tee, with_hole
-from tests.samples import SAMPLES
+from tests.verification.test_few_unknowns import SAMPLES
 from wovenfab.model.model import Numerics
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.fibre_mesh import across
@@ -24,22 +26,20 @@ def test_a_placement_jumps_on_its_own_special_fibres_and_nowhere_else() -> None:
     on = SHEET.sheet(0.1)
     model = scenes.model(on, scenes.COUPLED, Numerics(3))
     scenes.force(model, scenes.PULL, 0.02)
-    placements, values = model.placements, model.field.x.array.reshape(-1, 2)
-    gaps: list[list[float]] = [[], []]
+    values, positions = model.field.x.array.reshape(-1, 2), np.round(model.placements.positions, 7)
+    gaps = []
     for family in (0, 1):
-        by_place: dict[tuple[float, ...], set[int]] = {}
-        for block in np.unique(placements.blocks[:, :, family]):
-            place = tuple(np.round(placements.positions[block], 7))
-            by_place.setdefault(place, set()).add(int(block))
-        for place, copies in by_place.items():
-            ends = on.jumps[family]
-            away = np.abs((np.array(place) - ends[:, 0]) @ across(on.fibres[family]))
-            assert len(copies) == (2 if away.min() < 1e-6 else 1)
-            if len(copies) == 2:
-                one, other = (values[c] for c in copies)
-                gaps[family].append(float(np.linalg.norm(one - other)))
-    print(f"largest jumps: {max(gaps[0]):.2e} m and {max(gaps[1]):.2e} m")
-    assert min(max(g) for g in gaps) > 2e-4  # of the order of the slip, about a millimetre
+        blocks = np.unique(model.placements.blocks[:, :, family])
+        places, copy, counts = np.unique(
+            positions[blocks], axis=0, return_inverse=True, return_counts=True
+        )
+        ends = on.jumps[family][:, 0]
+        away = np.abs((places[:, None] - ends) @ across(on.fibres[family])).min(axis=1)
+        assert np.array_equal(counts, np.where(away < 1e-6, 2, 1))
+        copies = (values[blocks[copy == place]] for place in np.flatnonzero(counts == 2))
+        gaps.append(max(np.linalg.norm(one - other) for one, other in copies))
+    print(f"largest jumps: {gaps[0]:.2e} m and {gaps[1]:.2e} m")
+    assert min(gaps) > 2e-4  # of the order of the slip, about a millimetre
 
 
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60), (0, 90)], ids=str)
@@ -54,16 +54,12 @@ def test_cells_that_share_a_value_share_yarns(shape: Outline, angles: Angles) ->
     facets = topology.connectivity(1, 2)
     pairs = [p for f in range(topology.index_map(1).size_local) if len(p := facets.links(f)) == 2]
     for blocks in np.moveaxis(placements.blocks, 2, 0):
-        share = [np.intersect1d(blocks[one], blocks[other]) for one, other in pairs]
-        joined = [pair for pair, shared in zip(pairs, share, strict=True) if len(shared) == 3]
+        shared = [len(np.intersect1d(blocks[one], blocks[other])) for one, other in pairs]
+        one, other = np.array(pairs)[np.array(shared) == 3].T
+        joined = sparse.csr_array((np.ones(len(one)), (one, other)), (len(blocks), len(blocks)))
         for block in np.unique(blocks):
-            cells = {*map(int, np.flatnonzero((blocks == block).any(axis=1)))}
-            seen, new = set(), {min(cells)}
-            while new:
-                seen |= new
-                neighbours = {int(c) for pair in joined if new & {*map(int, pair)} for c in pair}
-                new = (neighbours & cells) - seen
-            assert seen == cells
+            cells = np.flatnonzero((blocks == block).any(axis=1))
+            assert connected_components(joined[cells][:, cells], directed=False)[0] == 1
 
 
 @pytest.mark.parametrize(

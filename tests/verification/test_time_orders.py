@@ -48,10 +48,6 @@ def refinements(scene: str, scheme: str) -> tuple[list[Step], ...]:
     return tuple(steps[:: (len(steps) - 1) // 20] for steps in planned)
 
 
-def losses(steps: list[Step]) -> NDArray[np.float64]:
-    return np.array([scenes.lost(s) for s in steps])
-
-
 def orders(curves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """Return the orders of convergence from the differences of successive refinements."""
     return scenes.orders([np.linalg.norm(b - a) for a, b in pairwise(curves)])
@@ -61,7 +57,7 @@ def orders(curves: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 def test_force_and_loss_converge_with_the_schemes_order(scene: str, scheme: str) -> None:
     theory, runs = SCHEMES[scheme].order, refinements(scene, scheme)
     force = orders([scenes.forces(steps) for steps in runs])
-    dissipated = orders([losses(steps) for steps in runs])
+    dissipated = orders([np.array([*map(scenes.lost, steps)]) for steps in runs])
     print(f"\n{scene}, {scheme}: observed {np.round(force, 2)} in force, ", end="")
     print(f"{np.round(dissipated, 2)} in dissipated energy, theory {theory}")
     assert force[-1] == pytest.approx(theory, abs=0.2)
