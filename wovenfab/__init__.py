@@ -9,13 +9,12 @@ Three lines in a notebook or a script, also under ``mpirun``::
 
 from __future__ import annotations
 
-import tomllib
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from wovenfab.case import Case, CaseError, read_case
     from wovenfab.interface import History, Run, SolvedStep, read_results, simulate, steps
 
@@ -35,6 +34,9 @@ __all__ = [
 
 def _version() -> str:
     """Return the version of the source tree this file lies in, or the installed one."""
+    import tomllib
+    from importlib.metadata import PackageNotFoundError, version
+
     project = Path(__file__).parent.parent / "pyproject.toml"
     if project.is_file():
         return str(tomllib.loads(project.read_text(encoding="utf-8"))["project"]["version"])
@@ -44,11 +46,10 @@ def _version() -> str:
         return "unknown"
 
 
-__version__ = _version()
-
-
 def __getattr__(name: str) -> Any:
     """Import the interface when it is first used: the command line needs only parts of it."""
+    if name == "__version__":
+        return _version()
     if name in __all__:
         return getattr(import_module("wovenfab.interface"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

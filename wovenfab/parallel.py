@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 #: What makes a process think that mpirun or srun started it as a rank.
 _RANK_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_", "SLURM_")
+#: Variables that say where Python finds modules.
+PYTHON_PATHS = "PYTHONPATH", "PYTHONSAFEPATH"
 
 
 def world() -> MPI.Comm:
@@ -68,8 +70,12 @@ def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
 
 
 def child_environment() -> dict[str, str]:
-    """Return the environment without mpirun's marks, in which this package is found."""
+    """Return the environment without mpirun's marks, in which this package is found.
+
+    Nothing is imported from the current folder.
+    """
     kept = {k: v for k, v in os.environ.items() if not k.startswith(_RANK_VARIABLES)}
     here = str(Path(__file__).resolve().parents[1])
     kept["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [kept.get("PYTHONPATH")])])
+    kept["PYTHONSAFEPATH"] = "1"
     return kept

@@ -280,3 +280,19 @@ def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -
         assert together == pytest.approx(alone, rel=0, abs=1e-8 * max(map(abs, alone)))
     iterations = [[row["newton_iterations"] for row in table] for table in (one, two)]
     assert iterations[0] == iterations[1]
+
+
+def test_code_in_the_current_folder_is_never_run(tmp_path: Path) -> None:
+    """Also not when that folder is another clone: its code would bear this one's name."""
+    (tmp_path / "small.yaml").write_text(CASE)
+    names = "json.py", "random.py", "yaml.py", "forms/__init__.py", "wovenfab/__init__.py"
+    for name in names:
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("open('ran', 'w').close()\nraise SystemExit('ran')\n")
+    command = [DOCS.parent / "env" / "bin" / "wovenfab", "check", "small.yaml"]
+    ended = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True, check=False)
+    assert ended.returncode == 0 and "the case is valid" in ended.stdout, ended.stderr
+    (tmp_path / "wovenfab" / "__init__.py").unlink()
+    (tmp_path / "wovenfab").rmdir()
+    assert wovenfab("check", "small.yaml", cwd=tmp_path).returncode == 0
+    assert not (tmp_path / "ran").exists()

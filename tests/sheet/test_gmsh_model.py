@@ -137,3 +137,35 @@ def test_a_curve_without_a_name_is_no_edge_and_says_which_are(tmp_path: Path) ->
     path = tmp_path / "sheet.geo"
     path.write_text(text.replace('Physical Curve("top")', "Physical Curve(9)"))
     assert set(shipped(path).edges) - {""} == {"left", "right", "bottom"}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "word"),
+    [
+        ("program.geo", 'Point(1) = {0, 0, 0};\nSystemCall "touch ran";', "line 2: SystemCall"),
+        ("behind.geo", '// "\nNonBlockingSystemCall "touch ran";', "line 2: NonBlockingSystemCall"),
+        ("no_mesh.msh", 'SystemCall "touch ran";', "line 1: SystemCall"),
+        ("options.geo", "Point(1) = {0, 0, 0};", "options.geo.opt, line 1: SystemCall"),
+        ("other.geo", 'Include "options.geo.opt";', "options.geo.opt, line 1: SystemCall"),
+        ("computed.geo", 'Merge StrCat("options.", "geo.opt");', "line 1: Merge"),
+        ("end.geo", "/* Exit; */\nExit;", "line 2: Exit"),
+        ("writing.geo", 'Printf("1") > "ran";', "line 1: >"),
+    ],
+)
+def test_a_geometry_that_does_more_than_describe_a_sheet_is_refused(
+    name: str, text: str, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "options.geo.opt").write_text('SystemCall "touch ran";\n')
+    (tmp_path / name).write_text(text)
+    with pytest.raises(GeometryError, match=f"{word} is not allowed"):
+        from_file(MPI.COMM_WORLD, tmp_path / name, None)
+    assert not (tmp_path / "ran").exists()
+
+
+def test_words_in_comments_and_files_by_name_are_allowed(tmp_path: Path) -> None:
+    shipped = sorted(MESHES.glob("*.geo"))[0]
+    (tmp_path / "part.geo").write_text(shipped.read_text())
+    (tmp_path / "whole.geo").write_text('// Print, then Exit.\nInclude "part.geo";\n')
+    whole, part = (from_file(MPI.COMM_SELF, tmp_path / f"{n}.geo", None) for n in ("whole", "part"))
+    assert whole[2] == part[2]

@@ -11,8 +11,9 @@ import pytest
 from petsc4py import PETSc
 
 from tests import scenes
-from wovenfab.solver.linear import LinearSolver, TangentReuse, create_direct
+from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.problem import SolverOptions
+from wovenfab.solver.reuse import TangentReuse
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step

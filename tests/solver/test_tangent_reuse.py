@@ -13,9 +13,9 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.model.model import Numerics
 from wovenfab.solver.globalisation import Convergence
-from wovenfab.solver.linear import LEFT, LONGEST_WAIT, TangentReuse
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.problem import TANGENT, SolverOptions
+from wovenfab.solver.reuse import LEFT, LONGEST_WAIT, TangentReuse
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.step import Step
 

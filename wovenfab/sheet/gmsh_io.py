@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 from io import StringIO
@@ -17,6 +18,15 @@ from numpy.typing import NDArray
 from wovenfab.compat import mesh_from_gmsh
 from wovenfab.sheet.sheet import GeometryError, Outline, outline_of
 
+#: Statements that run a program; refused wherever the word stands, in comments, too.
+PROGRAMS = re.compile(r"\b(SystemCall|NonBlockingSystemCall|OnelabRun)\b")
+#: Statements that end gmsh, wait or write files; refused outside comments and strings.
+ACTIONS = re.compile(r"\b(Exit|Abort|Sleep|Print|Save|CreateDir|Plugin|Draw)\b|>>?(?=\s*\")")
+#: Statements that read another file, and the only way in which they may name it.
+READING = re.compile(r"\b(?:Include|Merge|MergeWithBoundingBox|ShapeFromFile)\b")
+NAMED = re.compile(READING.pattern + r"\s*\(?\s*\"([^\"\n]*)\"")
+#: Comments, whose content does nothing, and strings.
+COMMENTS = re.compile(r"//[^\n]*|/\*.*?\*/|\"[^\"\n]*\"", re.DOTALL)
 #: Segments that a full circle of the outline is divided in, at least.
 SEGMENTS = 48
 
@@ -101,6 +111,7 @@ def _read(
     prepare: Callable[[Any], None] = lambda gmsh: None,
 ) -> None:
     """Open a geometry or mesh, and mesh it, once prepared, unless it is."""
+    _require_harmless(path)
     gmsh.open(str(path))
     prepare(gmsh)
     if mesh_size is not None:
@@ -111,6 +122,40 @@ def _read(
         raise GeometryError(f"{path}: no physical surface; add one, such as Physical Surface")
     if not gmsh.model.getPhysicalGroups(1):
         raise GeometryError(f'{path}: no named edges; add, such as Physical Curve("left")')
+
+
+def _require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
+    """Refuse a file, or one that it reads, with statements that do more than describe a sheet.
+
+    gmsh runs programs for a geometry, for a mesh file that is none, and for the options that
+    stand beside either in a file of the same name and ``.opt``.
+
+    Raises:
+        GeometryError: With the line and the statement.
+    """
+    if path in seen or not path.is_file():
+        return  # gmsh says that it is missing
+    text = path.read_text(encoding="latin-1")
+    bare = COMMENTS.sub(lambda m: _blank(m.group()), text)
+    found = PROGRAMS.search(text) or ACTIONS.search(bare)
+    if not found and len(READING.findall(bare)) > len(NAMED.findall(text)):
+        found = READING.search(bare)
+    if found:
+        line = text.count("\n", 0, found.start()) + 1
+        raise GeometryError(
+            f"{path}, line {line}: {found.group().strip()} is not allowed: a geometry may not run "
+            "programs, end gmsh, write files, or read others but by a name in quotes; remove it"
+        )
+    others = [path.parent / name for name in NAMED.findall(text)]
+    for other in (*others, path.with_name(f"{path.name}.opt")):
+        _require_harmless(other, (*seen, path))
+
+
+def _blank(text: str) -> str:
+    """Return a comment or string without its content, as long as it was."""
+    if text[0] == '"':
+        return '"' + " " * (len(text) - 2) + '"'
+    return re.sub(r"[^\n]", " ", text)
 
 
 def _numbers(gmsh: Any, dim: int, entity: int, number: dict[int, int]) -> NDArray[np.int64]:
@@ -206,7 +251,7 @@ def _rooted[T](
 
     problem: str | None = None
     if comm.rank == 0:
-        gmsh.initialize(interruptible=False)
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
         gmsh.option.setNumber("General.Terminal", 0)
         try:
             build(gmsh)
@@ -229,7 +274,7 @@ def _rooted[T](
 
 def _empty_parser(gmsh: Any) -> None:
     """Let gmsh read what a syntax error left in its parser, which outlives the model."""
-    gmsh.initialize(interruptible=False)
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
     gmsh.option.setNumber("General.Terminal", 0)
     with TemporaryDirectory() as folder, suppress(Exception):
         blank = Path(folder) / "blank.geo"

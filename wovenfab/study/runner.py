@@ -28,7 +28,7 @@ from typing import Any
 import forms
 import wovenfab
 from wovenfab.case import Case, Rectangle, Table
-from wovenfab.parallel import child_environment
+from wovenfab.parallel import PYTHON_PATHS, child_environment
 from wovenfab.record.results import write_whole
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
@@ -151,7 +151,7 @@ class _Process:
         launcher = ["mpirun", "-n", str(command.ranks)] if command.ranks > 1 else []
         environment = child_environment()
         if launcher:  # which needs its variables
-            environment = {**os.environ, "PYTHONPATH": environment["PYTHONPATH"]}
+            environment = {**os.environ, **{n: environment[n] for n in PYTHON_PATHS}}
         self._folder = TemporaryDirectory()
         self._output = command.log or Path(self._folder.name) / "output"
         self._errors = self._output.with_suffix(".errors")
