@@ -296,3 +296,24 @@ def test_code_in_the_current_folder_is_never_run(tmp_path: Path) -> None:
     (tmp_path / "wovenfab").rmdir()
     assert wovenfab("check", "small.yaml", cwd=tmp_path).returncode == 0
     assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "word"),
+    [
+        ("-pc_type nope", "PC type nope"),
+        ("-pc_factor_mat_solver_type nope", "solver type nope"),
+        ("-mat_mumps_icntl_14 abc", "no integer value"),
+        ("-pc_type python -pc_python_type x.Y", "No module named 'x'"),
+        ("-mat_type nope", "Unknown type"),
+    ],
+)
+def test_a_petsc_option_that_cannot_be_used_is_bad_input(
+    options: str, word: str, tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(CASE)
+    (tmp_path / "x.py").write_text("class Y: pass\n")
+    ended = wovenfab("run", "small.yaml", "--", *options.split(), cwd=tmp_path)
+    assert ended.returncode == 2 and "Traceback" not in ended.stderr
+    assert word in ended.stderr and "solver.petsc: PETSc does not take" in ended.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.yaml", "x.py"]

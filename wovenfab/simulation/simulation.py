@@ -12,7 +12,7 @@ from typing import Self
 
 from mpi4py import MPI
 
-from wovenfab.case import Case
+from wovenfab.case import Case, CaseError
 from wovenfab.model.model import Model
 from wovenfab.record.field_file import Checkpoint
 from wovenfab.record.results import FINISHED
@@ -28,7 +28,7 @@ from wovenfab.simulation.from_case import (
 )
 from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.problem import Problem, SolverOptions
+from wovenfab.solver.problem import OptionError, Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
@@ -67,11 +67,18 @@ class Simulation:
             options: Of the solver, if not those of the case.
             solver: Another solver, for comparison.
             step_size: Another step size control, for comparison.
+
+        Raises:
+            CaseError: If an effect cannot be compiled, or PETSc cannot use an option.
         """
         model = model_of(case, sheet)
         problem = Problem(model, constraints_of(case, model))
         self.case, self.program = case, program_of_case(case)
-        self.solver = solver(problem, options or options_of(case))
+        try:
+            self.solver = solver(problem, options or options_of(case))
+        except OptionError as error:
+            remedy = "They stand in solver.petsc, after -- on the command line or in PETSC_OPTIONS."
+            raise CaseError([case.problem("solver.petsc", str(error), remedy)]) from error
         self.stepper = TimeStepper(
             self.solver,
             self.program,

@@ -48,17 +48,25 @@ class EquilibriumSolver:
         Args:
             problem: The problem; it is destroyed with this object.
             options: Tolerances and alternatives.
+
+        Raises:
+            OptionError: If PETSc cannot use an option.
         """
         model = problem.model
         self.problem, self._options, self._smooth_model = problem, options, model
         self.crossing = CrossingLimit(model)
         self._petsc_options = PetscOptions(options.options)
-        direct = create_direct(model.comm, self._petsc_options.prefix)
-        self._matrix = problem.create_tangent(upper=direct.getPC().getType() == "cholesky")
-        self.linear = LinearSolver(direct, self._matrix, options.keep_from, sqrt(options.tolerance))
-        self.newton = self.newton_solver(
-            problem, self._matrix, options, self.linear, self.crossing, self._petsc_options.prefix
-        )
+        prefix = self._petsc_options.prefix
+        with self._petsc_options.blamed():
+            direct = create_direct(model.comm, prefix)
+            self._matrix = problem.create_tangent(upper=direct.getPC().getType() == "cholesky")
+            accuracy = sqrt(options.tolerance)
+            self.linear = LinearSolver(direct, self._matrix, options.keep_from, accuracy)
+            self.newton = self.newton_solver(
+                problem, self._matrix, options, self.linear, self.crossing, prefix
+            )
+            if self._petsc_options.given:
+                self._try_options()
         # Set-valued friction always has its stress at points, other friction when it must.
         self._set_valued = self._stress_of(model) if model.point_frictions else None
         problem.point_stress = self._set_valued
@@ -162,6 +170,13 @@ class EquilibriumSolver:
             negatives=newton.judge() if reason > 0 else 0,
             tangents=newton.tangents,
         )
+
+    def _try_options(self) -> None:
+        """Factorise once before anything is written: PETSc reads some options only then."""
+        self.newton.assemble_tangent()
+        self.linear.solve(self.problem.residual, self.newton.solution)
+        self.linear.forget()
+        self.newton.solution.set(0.0)
 
     def _use_points(self) -> None:
         """Change to forms with the stress of all bounded friction at points."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -68,6 +69,10 @@ class SolveResult:
     tangents: int = 0
 
 
+class OptionError(Exception):
+    """PETSc cannot use an option that the case or the command line gives."""
+
+
 class PetscOptions:
     """The PETSc options of one solver, under a prefix of its own, while the object lives.
 
@@ -76,6 +81,7 @@ class PetscOptions:
 
     Attributes:
         prefix: Beginning of their names in PETSc's database.
+        given: Names of those of the case and of the command line.
     """
 
     _numbers = count(1)
@@ -91,10 +97,28 @@ class PetscOptions:
         names = [name for name in database.getAll() if name.startswith(FOR_SOLVERS)]
         # MUMPS counts negative pivots only where it leaves the last block to itself (13).
         own = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
-        settings = {**own, **(case or {}), **{name: database[name] for name in names}}
+        chosen = {**(case or {}), **{name: database[name] for name in names}}
+        settings, self.given = {**own, **chosen}, tuple(chosen)
         self._names = [self.prefix + name for name in settings]
         for name, value in zip(self._names, settings.values(), strict=True):
             database[name] = value
+
+    @contextmanager
+    def blamed(self) -> Iterator[None]:
+        """Say that an error of PETSc is one of the options that were given, if any were.
+
+        Raises:
+            OptionError: With PETSc's last word.
+        """
+        try:
+            yield
+        except (PETSc.Error, RuntimeError) as error:
+            self.clear()
+            if not self.given:
+                raise
+            cause = error.__cause__ or error
+            word = str(cause).splitlines()[-1].partition("] ")[2] or str(cause)
+            raise OptionError(f"PETSc does not take {', '.join(self.given)}: {word}") from error
 
     def clear(self) -> None:
         """Remove them from PETSc's database."""
