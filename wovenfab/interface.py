@@ -240,31 +240,37 @@ def execute(
             if resume:
                 checkpoint = load_checkpoint(directory, comm)
                 place.reopen()
-                require_same(case, checkpoint, directory)
+                case = require_same(case, checkpoint, directory)
                 listener.say(f"going on after step {checkpoint.step} at {checkpoint.time:.6g} s")
             else:
                 place.require_free(overwrite)
         with watch.phase("mesh"):
             sheet = sheet_of(case, comm)
-        progress, planned, accuracy = listener.progress, None, case.accuracy
-        if accuracy is not None:
-            from wovenfab.study.target_accuracy.choice import choose
+        progress, planned = listener.progress, None
+        errors = checkpoint.values["run"]["errors"] if checkpoint else None
+        if case.accuracy is not None:
+            from wovenfab.study.target_accuracy.choice import choose, errors_of
 
             with watch.phase("pilot"):
                 planned = choose(case, sheet, listener.say, lambda text: progress(Progress(text)))
+            errors = errors_of(planned, case)
             case, sheet = planned.case, planned.sheet
         progress(Progress("compiling the effects"))
         with watch.phase("compile"):
             simulation = stack.enter_context(Simulation(case, sheet))
         if place is not None and checkpoint is None:
             place.open(overwrite)
+            if planned is not None and planned.estimate is not None:
+                from wovenfab.study.target_accuracy.estimate import write_errors
+
+                write_errors(planned.estimate, place.path)
         outcome, columns, summary = run(
-            simulation, directory, progress, watch, checkpoint, until, interruption
+            simulation, directory, progress, watch, checkpoint, until, interruption, errors
         )
-        if planned is not None and accuracy is not None:
+        if errors is not None:
             from wovenfab.study.target_accuracy.choice import report_errors
 
-            summary = report_errors(planned, accuracy, summary, directory, listener.say)
+            summary = report_errors(errors, summary, directory, listener.say)
         if directory is not None and case.output.pictures and not outcome.signal:
             from wovenfab.report import draw_in_subprocess
 

@@ -241,3 +241,23 @@ def test_a_full_disk_leaves_the_series_as_it_was(
     assert (tmp_path / "fields.xdmf").read_text() == text
     assert list(read_fields(tmp_path).times) == [0.0]
     assert not list(tmp_path.rglob(".*part"))
+
+
+def test_a_run_for_an_accuracy_goes_on_with_what_was_chosen_for_it(tmp_path: Path) -> None:
+    """The trials are not made again, and the errors are those of the choice."""
+    ramp = "{type: ramp, to: 20 mm, steps: 4, duration: 1 s}"
+    case = read_case(
+        CONFIGS / "bonded-1x3.yaml",
+        ("accuracy=5 %", "discretisation=null", f"program={ramp}", "output.pictures=false"),
+    )
+    whole = run(case, tmp_path / "whole")
+    run(case, tmp_path / "parts", until=0.3)
+    resumed = run(case, tmp_path / "parts", resume=True)
+    assert_same(resumed, whole, 0.0)
+    assert "pilot" not in resumed.summary["parts"][1]["wall_time_s"]
+    assert resumed.summary["accuracy"] == whole.summary["accuracy"]
+    for file in ("error.csv", "error.xdmf"):
+        texts = [(tmp_path / d / file).read_text() for d in ("whole", "parts")]
+        assert texts[0] == texts[1]
+    with pytest.raises(NothingToResumeError, match="an accuracy of 0.05, not 0.1"):
+        run(case.changed("accuracy=10 %"), tmp_path / "parts", resume=True)

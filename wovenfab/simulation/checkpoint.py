@@ -7,6 +7,7 @@ that neither the partition nor doubled nodes need numbers of their own.
 from __future__ import annotations
 
 import hashlib
+import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -156,7 +157,7 @@ class Checkpoints:
         self._more, self._sync = more, sync
         self._every = simulation.case.output.checkpoint
         self._format = SnapshotFormat(simulation.model)
-        self._case = fixed_part(simulation.case)
+        self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
         self._steps, self._clock = 0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
@@ -184,6 +185,7 @@ class Checkpoints:
             {
                 "stepper": values,
                 "case": self._case,
+                "chosen": self._chosen,
                 "program": ([m.time for m in made], [m.displacement for m in made]),
                 **self._more(),
             },
@@ -209,12 +211,14 @@ def load_checkpoint(directory: Path, comm: MPI.Comm) -> Checkpoint:
     return newest or plain
 
 
-def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> None:
-    """Refuse a case that cannot go on from a checkpoint.
+def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
+    """Return a case that goes on from a checkpoint: with an accuracy, what was chosen for it.
 
     Raises:
         NothingToResumeError: Physics, mesh or a finished part of the program differ.
     """
+    if case.accuracy is not None:
+        case = _with_choices(case, checkpoint, directory)
     before, now = checkpoint.values["case"], fixed_part(case)
     differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if not differing and not _has_made(case, checkpoint):
@@ -225,6 +229,30 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> None:
             f"{'differs' if len(differing) == 1 else 'differ'}. Go on with the case as it was, or "
             "run this one into another directory with -o"
         )
+    return case
+
+
+def _with_choices(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
+    """Return a case with the elements and steps that were chosen for its accuracy.
+
+    Raises:
+        NothingToResumeError: They were chosen for another accuracy.
+    """
+    wanted = (checkpoint.values["run"]["errors"] or {}).get("wanted")
+    if wanted != case.accuracy:
+        raise NothingToResumeError(
+            f"the run in {directory} was {'not ' if wanted is None else ''}made for an accuracy"
+            f"{'' if wanted is None else f' of {wanted:g}, not {case.accuracy:g}'}; leave accuracy "
+            "out, or run this case into another directory with -o"
+        )
+    chosen = dict(checkpoint.values["chosen"])
+    segments = chosen_part(case)["program"]
+    if _motions(segments[: len(chosen["program"])]) == _motions(chosen["program"]):
+        chosen["program"] += segments[len(chosen["program"]) :]
+    else:
+        del chosen["program"]
+    changes = [f"{name}={json.dumps(value)}" for name, value in chosen.items()]
+    return case.changed("accuracy=null", *changes)
 
 
 def fixed_part(case: Case) -> dict[str, Any]:
@@ -232,6 +260,20 @@ def fixed_part(case: Case) -> dict[str, Any]:
     dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
     dump["sheet"].pop("file", None)
     return {**dump, **contents_of(case)}
+
+
+def chosen_part(case: Case) -> dict[str, Any]:
+    """Return what an accuracy may have chosen."""
+    names = {"discretisation", "time", "program"}
+    chosen = case.model_dump(mode="json", by_alias=True, exclude_none=True, include=names)
+    if isinstance(chosen["program"], dict):  # a single segment
+        chosen["program"] = [chosen["program"]]
+    return chosen
+
+
+def _motions(segments: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return segments of a program without their numbers of steps."""
+    return [{k: v for k, v in segment.items() if k != "steps"} for segment in segments]
 
 
 def contents_of(case: Case) -> dict[str, str]:

@@ -58,6 +58,7 @@ def run(
     checkpoint: Checkpoint | None = None,
     until: float = inf,
     interruption: Interruption | None = None,
+    errors: Mapping[str, Any] | None = None,
 ) -> tuple[Outcome, Columns, dict[str, Any]]:
     """Run a simulation; collective.
 
@@ -72,6 +73,7 @@ def run(
         checkpoint: Of the run in the directory that goes on; None to begin.
         until: Time (s) at or after which the run pauses.
         interruption: Notes signals; None to leave them alone.
+        errors: Estimated errors, plain values that checkpoints keep; None without.
 
     Returns:
         How it ended, the columns of the history, and the summary.
@@ -122,6 +124,7 @@ def run(
                         "outcome": effort,
                         "losses": modes.figures,
                         "planned": fields.planned,
+                        "errors": errors,
                     }
                 }
 

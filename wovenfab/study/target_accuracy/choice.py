@@ -12,7 +12,6 @@ from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.response import planned_steps
-from wovenfab.study.target_accuracy.estimate import write_errors
 from wovenfab.study.target_accuracy.plan import Plan, plan
 
 logger = logging.getLogger(__name__)
@@ -50,31 +49,48 @@ def choose(
         best = ""
         if chosen.estimate is not None:
             best = f", estimated error {_percent(chosen.estimate.worst)}"
-        say(f"{_missed(chosen, case.accuracy)}; this is the best that was tried{best}")
+        say(f"{_missed(chosen.shortfall, case.accuracy)}; this is the best that was tried{best}")
     return chosen
 
 
+def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
+    """Return what a run keeps of a choice, as plain values: also checkpoints have them.
+
+    Args:
+        chosen: What :func:`choose` returned.
+        case: The case with the accuracy.
+    """
+    estimate = chosen.estimate
+    return {
+        "wanted": case.accuracy,
+        "shortfall": chosen.shortfall,
+        "elements": estimate.space if estimate else {},
+        "steps": estimate.time if estimate else None,
+    }
+
+
 def report_errors(
-    chosen: Plan,
-    accuracy: float,
+    errors: Mapping[str, Any],
     summary: Mapping[str, Any],
     directory: Path | None,
     say: Callable[[str], None],
 ) -> dict[str, Any]:
-    """Print and write the estimated errors; return the summary with them. Collective.
+    """Print the estimated errors; return the summary with them, and write it. Collective.
 
     Args:
-        chosen: What :func:`choose` returned.
-        accuracy: The target.
+        errors: What :func:`errors_of` returned.
         summary: Summary of the run.
         directory: Its results directory, or None.
         say: Gets messages.
     """
-    entry: dict[str, Any] = {"wanted": accuracy, "shortfall": chosen.shortfall}
-    if chosen.estimate is not None:
-        entry["figures"] = chosen.estimate.as_dict(summary)
-        if directory is not None:
-            write_errors(chosen.estimate, directory)
+    wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
+    entry: dict[str, Any] = {"wanted": wanted, "shortfall": shortfall}
+    if errors["elements"]:
+        entry["figures"] = {
+            name: _error(summary[name], share, None if steps is None else steps[name])
+            for name, share in errors["elements"].items()
+            if summary.get(name) is not None
+        }
     more = {**summary, "accuracy": entry}
     if directory is not None:
         write_summary(directory, more)
@@ -84,13 +100,25 @@ def report_errors(
             f"{words}: estimated error {_percent(error['relative_error'])} "
             f"({error['error']:.3g} {unit})"
         )
-    if chosen.shortfall:
-        say(_missed(chosen, accuracy))
+    if shortfall:
+        say(_missed(shortfall, wanted))
     return more
 
 
-def _missed(chosen: Plan, accuracy: float) -> str:
-    return f"warning: the accuracy of {_percent(accuracy)} is not reached: {chosen.shortfall}"
+def _error(value: float, elements: float, steps: float | None) -> dict[str, float | None]:
+    """Return the errors of a figure; those of elements and steps might add up."""
+    relative = abs(elements) + abs(steps or 0.0)
+    return {
+        "value": value,
+        "error": relative * abs(value),
+        "error_of_elements": elements * value,
+        "error_of_steps": None if steps is None else steps * value,
+        "relative_error": relative,
+    }
+
+
+def _missed(shortfall: str, accuracy: float) -> str:
+    return f"warning: the accuracy of {_percent(accuracy)} is not reached: {shortfall}"
 
 
 def _percent(share: float) -> str:

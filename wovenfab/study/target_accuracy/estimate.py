@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import ufl
@@ -190,20 +189,6 @@ class Estimate:
         place = self.refinement.degrees.index(self.degree)
         responses = self.refinement.responses
         return responses[place].model, responses[min(place + 1, len(responses) - 1)].model
-
-    def as_dict(self, figures: Mapping[str, Any]) -> dict[str, dict[str, float | None]]:
-        """Return the errors of figures, by name, for the summary."""
-        return {
-            name: {
-                "value": figures[name],
-                "error": relative * abs(figures[name]),
-                "error_of_elements": self.space[name] * figures[name],
-                "error_of_steps": None if self.time is None else self.time[name] * figures[name],
-                "relative_error": relative,
-            }
-            for name, relative in self.relative.items()
-            if figures.get(name) is not None
-        }
 
     def history(self) -> dict[str, Array]:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
