@@ -259,5 +259,5 @@ def test_a_run_for_an_accuracy_goes_on_with_what_was_chosen_for_it(tmp_path: Pat
     for file in ("error.csv", "error.xdmf"):
         texts = [(tmp_path / d / file).read_text() for d in ("whole", "parts")]
         assert texts[0] == texts[1]
-    with pytest.raises(NothingToResumeError, match="an accuracy of 0.05, not 0.1"):
+    with pytest.raises(NothingToResumeError, match=r"an accuracy of 0\.05, not 0\.1"):
         run(case.changed("accuracy=10 %"), tmp_path / "parts", resume=True)

@@ -151,4 +151,10 @@ def test_an_interrupted_sweep_ends_its_processes_and_takes_none_for_finished(
     assert not processes(tmp_path)
     rows = len(read_history(history.parent)["step"])
     assert 0 < rows < 401
-    assert not (history.parent / ".fingerprint").exists()
+    again = subprocess.run(
+        command(*arguments), cwd=tmp_path, text=True, capture_output=True, check=False
+    )
+    assert again.returncode == 0, again.stderr
+    assert list(read_history(history.parent)["step"]) == list(range(401))
+    parts = read_summary(history.parent)["parts"]
+    assert len(parts) == 2 and parts[1]["first_step"] == rows - 1  # it went on where it was

@@ -27,8 +27,10 @@ COMMAND = "WOVENFAB_COMMAND"
 MARKER = ".wovenfab"
 #: Outcome in the summary of a run that made its whole program.
 FINISHED = "finished"
-#: Fingerprint of the input of finished results, where a sweep made them.
-FINGERPRINT = ".fingerprint"
+#: Beginning of the outcome of a run that a signal has stopped.
+INTERRUPTED = "interrupted"
+#: Fingerprint of the input of the results, where a sweep made them, and its environment variable.
+FINGERPRINT, INPUT = ".fingerprint", "WOVENFAB_FINGERPRINT"
 #: The last two checkpoints of a run.
 CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
 #: Folders of files that wovenfab writes there: the times of series of fields.
@@ -164,6 +166,8 @@ class ResultsDirectory:
                 for name in FILES:
                     (self.path / name).unlink(missing_ok=True)
                     (self.path / f".{name}.part").unlink(missing_ok=True)
+            if text := os.environ.get(INPUT):
+                write_whole(self.path / FINGERPRINT, f"{text}\n")
         except OSError as error:
             raise _unwritable(self.path, error) from None
 
@@ -248,18 +252,22 @@ def _unwritable(directory: Path, error: OSError) -> ResultsExistError:
 
 
 def _exists(directory: Path) -> ResultsExistError:
-    if _is_finished(directory):
+    outcome = outcome_of(directory)
+    if outcome == FINISHED or (outcome is not None and not has_checkpoint(directory)):
         remedy = "choose another directory with -o, or replace them with --overwrite"
         return ResultsExistError(f"{directory} already holds results; {remedy}")
     remedy = f"go on with 'wovenfab resume {directory}', or replace it with --overwrite"
     return ResultsExistError(f"{directory} holds a run that did not come to its end; {remedy}")
 
 
-def _is_finished(directory: Path) -> bool:
-    """Return whether a run came to its end there, or left nothing to go on from."""
-    if not any((directory / name).exists() for name in (CHECKPOINT, EARLIER_CHECKPOINT)):
-        return (directory / "summary.json").exists()
+def has_checkpoint(directory: Path) -> bool:
+    """Return whether a run there left a checkpoint, whole or not."""
+    return any((directory / name).exists() for name in (CHECKPOINT, EARLIER_CHECKPOINT))
+
+
+def outcome_of(directory: Path) -> str | None:
+    """Return how the run there has ended; None if it was killed or is still going on."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
-        return bool(summary["outcome"] == FINISHED)
-    return False
+        return str(summary["outcome"])
+    return None

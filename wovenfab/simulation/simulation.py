@@ -15,7 +15,7 @@ from mpi4py import MPI
 from wovenfab.case import Case, CaseError
 from wovenfab.model.model import Model
 from wovenfab.record.field_file import Checkpoint
-from wovenfab.record.results import FINISHED
+from wovenfab.record.results import FINISHED, INTERRUPTED
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.checkpoint import SnapshotFormat
 from wovenfab.simulation.from_case import (
@@ -226,5 +226,5 @@ class Outcome:
     def __str__(self) -> str:
         """Return how the run ended, as in the summary."""
         if self.signal:
-            return f"interrupted by {Signals(self.signal).name}"
+            return f"{INTERRUPTED} by {Signals(self.signal).name}"
         return "paused" if self.paused else str(self.failure or FINISHED)

@@ -12,8 +12,15 @@ from typing import Any, Literal
 
 from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
 from wovenfab.record.history import HISTORY
-from wovenfab.record.results import FINGERPRINT
-from wovenfab.record.summary import SUMMARY, read_summary
+from wovenfab.record.results import (
+    FINGERPRINT,
+    FINISHED,
+    INPUT,
+    INTERRUPTED,
+    has_checkpoint,
+    outcome_of,
+)
+from wovenfab.record.summary import read_summary
 from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
 from wovenfab.study.table import markdown, write_csv
 from wovenfab.study.variations import OVER, Variation
@@ -155,22 +162,32 @@ class Run:
         case = self.member.case
         arguments = ["-m", "wovenfab", "run", str(case.path), "-o", str(self.directory)]
         overrides = [word for text in case.overrides for word in ("--set", text)]
-        return Command([*arguments, "--overwrite", *overrides], log=self.log)
+        way = "--resume" if self.was_stopped() else "--overwrite"
+        return Command(
+            [*arguments, way, *overrides], log=self.log, environment={INPUT: self.fingerprint}
+        )
 
     def is_unchanged(self) -> bool:
         """Return whether its results are there already."""
+        return self._has_same_input() and outcome_of(self.directory) == FINISHED
+
+    def was_stopped(self) -> bool:
+        """Return whether it was killed or interrupted, and can go on."""
+        outcome = outcome_of(self.directory) or INTERRUPTED
+        stopped = outcome.startswith(INTERRUPTED) and has_checkpoint(self.directory)
+        return stopped and self._has_same_input()
+
+    def _has_same_input(self) -> bool:
         try:
             text = (self.directory / FINGERPRINT).read_text(encoding="utf-8").strip()
         except OSError:
             return False
-        return text == self.fingerprint and (self.directory / SUMMARY).is_file()
+        return text == self.fingerprint
 
     def finish(self, ended: Ended) -> None:
         """Note how it ended."""
         self.state, self.problem = ("failed" if ended.code else "finished"), ended.failure
         self.seconds = ended.seconds
-        if not ended.code:
-            (self.directory / FINGERPRINT).write_text(f"{self.fingerprint}\n", encoding="utf-8")
 
 
 @dataclass
