@@ -258,6 +258,8 @@ def execute(
         progress(Progress("compiling the effects"))
         with watch.phase("compile"):
             simulation = stack.enter_context(Simulation(case, sheet))
+        if checkpoint is None and (words := simulation.prepare()):
+            listener.say(words)
         if place is not None and checkpoint is None:
             place.open(overwrite)
             if planned is not None and planned.estimate is not None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.interface import Execution, execute
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
@@ -261,3 +261,43 @@ def test_a_run_for_an_accuracy_goes_on_with_what_was_chosen_for_it(tmp_path: Pat
         assert texts[0] == texts[1]
     with pytest.raises(NothingToResumeError, match=r"an accuracy of 0\.05, not 0\.1"):
         run(case.changed("accuracy=10 %"), tmp_path / "parts", resume=True)
+
+
+def test_a_case_starts_from_the_state_of_another_run(tmp_path: Path) -> None:
+    """Pre-tension, then cycles about it: an elastic sheet cannot tell that from one program."""
+    coarse = ("output.pictures=false", "discretisation={degree: 2, mesh_size: 75mm}")
+    first, then = "{type: ramp, to: 8 mm, steps: 4}", "{type: ramp, to: -3 mm, steps: 3}"
+    case = read_case(CONFIGS / "elastic-1x3.yaml", (*coarse, f"program={first}"))
+    run(case, tmp_path / "tension")
+    turn = "{type: ramp, to: 5 mm, steps: 3}"
+    whole = run(case.changed(f"program=[{first}, {turn}]"), tmp_path / "whole").columns
+    origin = {"from_state": str(tmp_path / "tension")}
+    part = case.changed(f"program={then}", origin)
+    after = run(part, tmp_path / "after").columns
+    scale = np.abs(whole["force_N"]).max()
+    assert np.abs(after["force_N"] - whole["force_N"][4:]).max() < 1e-6 * scale
+    assert np.abs(after["energy_J"] - whole["energy_J"][4:]).max() < 1e-6 * scale * 8e-3
+    assert after["work_J"][0] == 0 and after["displacement_m"][-1] == pytest.approx(-3e-3)
+    assert np.abs(after["imbalance_J"]).max() < 1e-3 * np.abs(after["work_J"]).max()
+    run(part, tmp_path / "parts", until=0.4)
+    assert_same(run(part, tmp_path / "parts", resume=True), run(part, tmp_path / "again"), 0.0)
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("from_state=nowhere", "there is no folder 'nowhere'"),
+        ("from_state=.", "holds no checkpoint"),
+        ("discretisation.degree=3", "has another sheet: discretisation differ"),
+        ("accuracy=1 %", "from_state: brings its own elements"),
+    ],
+)
+def test_a_state_that_cannot_be_used_is_refused(
+    override: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    case = small("elastic-1x3", "program={type: ramp, to: 8 mm, steps: 4}")
+    run(case, tmp_path / "tension")
+    with pytest.raises(CaseError, match=message):
+        run(case.changed({"from_state": str(tmp_path / "tension")}, override), tmp_path / "run")
+    assert not (tmp_path / "run").exists()

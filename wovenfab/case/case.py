@@ -12,14 +12,30 @@ from io import StringIO
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, PrivateAttr, TypeAdapter, ValidationError
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    PrivateAttr,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic.json_schema import GenerateJsonSchema
 from ruamel.yaml import YAML
 
 from forms.effect import Effect, Needs
 from wovenfab.case.boundary import EdgeConditions
 from wovenfab.case.checks import findings
-from wovenfab.case.document import FROM, Document, key_path, override, resolved_document
+from wovenfab.case.document import (
+    FROM,
+    Document,
+    existing_file,
+    folder_of,
+    key_path,
+    override,
+    resolved_document,
+)
 from wovenfab.case.effects import (
     CustomEffect,
     CustomEffects,
@@ -61,6 +77,10 @@ class _Origin:
     overrides: tuple[str, ...] = dataclass_field(default=(), compare=False)
 
 
+def _folder(value: Any, info: ValidationInfo) -> Path | None:
+    return None if value is None else existing_file(value, folder_of(info), ())
+
+
 class Case(Section):
     """A case of wovenfab. A value is a plain number in SI units or a text with its unit."""
 
@@ -80,6 +100,14 @@ class Case(Section):
 
     program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
     """Displacement against time: one segment, or a list of them."""
+
+    from_state: Annotated[
+        Path | None,
+        BeforeValidator(_folder, json_schema_input_type=str | None),
+        PlainSerializer(lambda path: path and str(path)),
+    ] = Field(default=None, examples=["../results/pretension"])
+    """Results directory of a run whose last state is the first of this one: displacements, work
+    and dissipated energy count from there."""
 
     accuracy: Annotated[float | None, Quantity(above=0, most=0.2)] = Field(
         default=None, examples=["1 %"]

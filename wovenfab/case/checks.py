@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations
 from math import ceil, sqrt
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -282,10 +283,12 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
 
 @_rule
 def _accuracy(
-    accuracy: float | None, discretisation: Discretisation, time: Time
+    accuracy: float | None, discretisation: Discretisation, time: Time, from_state: Path | None
 ) -> Iterator[Finding]:
     if accuracy is None:
         return
+    if from_state is not None:
+        yield ("from_state",), "brings its own elements", "Leave out this key or 'accuracy'."
     for section, name, keys in (
         (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
         (time, "time", ("steps_per_cycle", "tolerance")),

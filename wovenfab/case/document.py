@@ -29,6 +29,8 @@ from wovenfab.case.errors import (
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
+#: Key of the results directory whose last state a case starts from.
+STATE = "from_state"
 #: Key that chooses among the laws of an effect.
 LAW = "law"
 
@@ -55,18 +57,19 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
     Args:
         value: The text in the case.
         folder: Where the case lies, for a name that does not know its own folder.
-        suffixes: Allowed ends of the name.
+        suffixes: Allowed ends of the name; none for the name of a folder.
     """
     folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
         raise wrong(f"expected the name of a file, got {describe(value)}")
-    if Path(value).suffix not in suffixes:
+    if suffixes and Path(value).suffix not in suffixes:
         raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
     with suppress(OSError, ValueError):  # such as a name that is too long
         path = (folder / value).resolve()
-        if path.is_file():
+        if path.is_file() if suffixes else path.is_dir():
             return path
-    raise wrong(f"there is no file {describe(value)}", "Names are relative to the case file.")
+    kind = "file" if suffixes else "folder"
+    raise wrong(f"there is no {kind} {describe(value)}", "Names are relative to the case file.")
 
 
 def folder_of(info: ValidationInfo) -> Path:
@@ -228,7 +231,7 @@ class _Reader:
                     self._problem(line, path, "this number cannot be read")
                     return None
             case ScalarNode() if node.tag in _TEXT:
-                if self.folder is not None and path[-1:] == (FILE,):
+                if self.folder is not None and path[-1:] in ((FILE,), (STATE,)):
                     return FileName(node.value, self.folder)
                 return node.value
         self._problem(line, path, f"YAML tags such as {node.tag!r} mean nothing here")

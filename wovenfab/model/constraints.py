@@ -163,6 +163,8 @@ class Constraints:
         bcs: Boundary conditions for dolfinx: the same for the space of both placements and
             for that of each; each form takes those of its own space.
         edges: Names of the edges that hold anything.
+        origin: Displacements that prescribed ones are added to: those of the state that the
+            program starts from, m.
     """
 
     def __init__(self, placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> None:
@@ -176,6 +178,7 @@ class Constraints:
         self._comm = sheet.mesh.comm
         self.edges = tuple(dict.fromkeys(grip.edge for grip in grips))
         self._values = fem.Function(placements.space)
+        self.origin = np.zeros(self._values.x.array.size)
         self._parts = _parts(placements, sheet, grips)
         held = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
         dofs = np.sort(np.concatenate(held))
@@ -191,7 +194,8 @@ class Constraints:
         it, differently, and a field that comes from the owner would never be equal to it.
         """
         for part in self._parts:
-            self._values.x.array[part.dofs] = share * part.held.at(part.positions, program)
+            held = share * part.held.at(part.positions, program)
+            self._values.x.array[part.dofs] = self.origin[part.dofs] + held
         self._values.x.scatter_forward()
 
     def reactions(self, force: Array) -> dict[str, tuple[float, float]]:

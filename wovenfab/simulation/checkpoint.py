@@ -20,7 +20,7 @@ from dolfinx.la import InsertMode
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, Rectangle
+from wovenfab.case import Case, CaseError, Rectangle
 from wovenfab.model.model import Model
 from wovenfab.model.snapshot import PointValues
 from wovenfab.parallel import from_root, on_root
@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from wovenfab.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
+#: Key of the case.
+STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
 #: Difference of displacements, over the largest one, below which programs are the same.
@@ -253,6 +255,40 @@ def _with_choices(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
         del chosen["program"]
     changes = [f"{name}={json.dumps(value)}" for name, value in chosen.items()]
     return case.changed("accuracy=null", *changes)
+
+
+def state_of(case: Case, model: Model) -> tuple[Array, str]:
+    """Return the state that a case starts from, and what it is in words; collective.
+
+    Returns:
+        Unknowns with ghosts, m, and a sentence.
+
+    Raises:
+        CaseError: There is none, or it is of another sheet or of other elements.
+    """
+    directory = case.from_state
+    assert directory is not None
+    try:
+        checkpoint = load_checkpoint(directory, model.comm)
+    except NothingToResumeError as error:
+        raise CaseError([case.problem(STATE, str(error))]) from error
+    before, now = checkpoint.values["case"], fixed_part(case)
+    parts = "sheet", "discretisation", "the file of the sheet"
+    differing = [name for name in parts if before.get(name) != now.get(name)]
+    states = checkpoint.values["stepper"]["state"]["states"]
+    size = int(np.prod(model.placements.blocks.shape[1:])) * 2
+    shapes = model.comm.bcast({n: a.shape for n, a in checkpoint.arrays.items()})
+    if not differing and shapes[states[0][ARRAY]][1] != size:
+        differing = ["the number of placements"]
+    if differing:
+        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
+        remedy = "Take the same sheet, elements and number of placements."
+        raise CaseError([case.problem(STATE, message, remedy)])
+    state: Array = SnapshotFormat(model).scatter(states[0], checkpoint.arrays)
+    return state, (
+        f"starting from the state of {directory} at {checkpoint.time:.6g} s: displacements, work "
+        "and dissipated energy count from there"
+    )
 
 
 def fixed_part(case: Case) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from wovenfab.model.model import Model
 from wovenfab.record.field_file import Checkpoint
 from wovenfab.record.results import FINISHED, INTERRUPTED
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.checkpoint import SnapshotFormat
+from wovenfab.simulation.checkpoint import SnapshotFormat, state_of
 from wovenfab.simulation.from_case import (
     constraints_of,
     driven_edge,
@@ -90,6 +90,7 @@ class Simulation:
             case.time.tolerance,
         )
         self._edge, self._direction = driven_edge(case)
+        self._prepared = False
 
     @property
     def model(self) -> Model:
@@ -117,10 +118,24 @@ class Simulation:
             StepFailedError: If a step cannot be made; the field is the last accepted.
             StabilityLostError: If no minimum lies beyond it.
         """
+        self.prepare()
         for step in self.stepper.steps():
             along, across = self.driven_force(step.reactions)
             error = self.driven_force(dict(step.error.forces))[0] if step.error else 0.0
             yield replace(step, force=along, force_transverse=across, force_error=error)
+
+    def prepare(self) -> str:
+        """Take the state that the case starts from, and say what that is; collective.
+
+        Raises:
+            CaseError: There is none, or it is of another sheet.
+        """
+        if self.case.from_state is None or self.stepper.begun or self._prepared:
+            return ""
+        state, words = state_of(self.case, self.model)
+        self.stepper.start_at(state)
+        self._prepared = True
+        return words
 
     def resume(self, checkpoint: Checkpoint) -> None:
         """Go on from a checkpoint of the same physics and mesh; collective."""

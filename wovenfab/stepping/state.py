@@ -153,13 +153,13 @@ def equilibrate(
     smallest: float,
     refuses: Callable[[SolveResult], bool],
 ) -> tuple[SolveResult | None, int]:
-    """Bring a problem from its reference state to rest under a program value; collective.
+    """Bring a problem from where it starts to rest under a program value; collective.
 
     Friction carries nothing at rest. It is left out, so that none is dissipated on the way,
     which is one step or, where that fails, several smaller ones.
 
     Args:
-        solver: Solver of the problem, whose field is the reference state.
+        solver: Solver of the problem, whose field is the state of reference or another.
         program: The program's first value, m.
         smallest: Share of what is prescribed below which stepping ends.
         refuses: Whether an equilibrium must not be accepted, since it is no minimum.
@@ -174,8 +174,9 @@ def equilibrate(
     """
     problem, model = solver.problem, solver.problem.model
     problem.prescribe(program)
-    loaded = model.comm.allreduce(bool(model.loading.force().any()), op=MPI.LOR)
-    if not loaded and not problem.constraints.unmet(model.field):
+    moved = model.loading.force().any() or problem.constraints.origin.any()
+    moved = model.comm.allreduce(bool(moved), op=MPI.LOR)
+    if not moved and not problem.constraints.unmet(model.field):
         return None, 0
     field = model.field.x.array
     share, step, iterations, tangents, rejected = 0.0, 1.0, 0, 0, 0

@@ -100,6 +100,18 @@ class TimeStepper:
         """
         self._state.initial_guess = guess
 
+    def start_at(self, state: Array) -> None:
+        """Let the program start from another state than that of reference.
+
+        Prescribed displacements, work and dissipated energy count from there. Friction carries
+        nothing there.
+
+        Args:
+            state: Unknowns with ghosts, m.
+        """
+        self._problem.constraints.origin[:] = state
+        self._state.states = [state.copy() for _ in self._state.states]
+
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
 
@@ -122,6 +134,7 @@ class TimeStepper:
             "time_error": error.snapshot() if error else None,
             "solver": self._solver.snapshot(),
             "jump": self._jump,
+            "origin": self._problem.constraints.origin,
         }
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
@@ -129,6 +142,7 @@ class TimeStepper:
 
         Step size and errors in time begin anew where another control of the error is used.
         """
+        self._problem.constraints.origin[:] = snapshot["origin"]
         self._solver.resume(snapshot["solver"])
         self._state.resume(snapshot["state"])
         self._balance.resume(snapshot["balance"])
