@@ -48,6 +48,9 @@ bench: ## measure speed, as phases and ratios in one run
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
 	$(enter) python3 -m benchmarks.hard $(rows) $(quick)
 
+survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
+	$(enter) python3 -u -m benchmarks.survive $(kills)
+
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page
 
