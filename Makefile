@@ -6,7 +6,7 @@ ranks = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26

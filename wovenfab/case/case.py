@@ -46,7 +46,7 @@ from wovenfab.case.effects import (
     custom_schemas,
     needs_of_scene,
 )
-from wovenfab.case.errors import CaseError, Problem, problems_in
+from wovenfab.case.errors import CaseError, KeyPath, Problem, problems_in
 from wovenfab.case.program import Segments
 from wovenfab.case.quantities import Quantity, Section, plain
 from wovenfab.case.schema import (
@@ -182,7 +182,7 @@ class Case(Section):
         """
         more = tuple(text for one in overrides for text in _listed(one))
         origin = self._origin
-        document = reduce(override, more, origin.document)
+        document = reduce(_overridden, more, origin.document)
         return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
 
     def to_yaml(self) -> str:
@@ -251,7 +251,34 @@ def read_case(path: str | Path, overrides: Overrides = ()) -> Case:
         CaseError: With everything that is wrong.
     """
     path, texts = Path(path), tuple(_listed(overrides))
-    return _case(_Origin(reduce(override, texts, resolved_document(path)), path, texts))
+    return _case(_Origin(reduce(_overridden, texts, resolved_document(path)), path, texts))
+
+
+def _overridden(document: Document, text: str) -> Document:
+    """Return the document with one value replaced; a key that is taken out must be a known one.
+
+    Raises:
+        CaseError: The text is malformed, or nothing bears that name.
+    """
+    changed = override(document, text)
+    key = text.partition("=")[0]
+    if not (_holds(document.data, key_path(key)) or _holds(changed.data, key_path(key))):
+        try:
+            _case(_Origin(override(document, f"{key}=clamp"), None))
+        except CaseError as error:
+            if unknown := [p for p in error.problems if p.message.startswith("unknown")]:
+                raise CaseError(unknown) from None
+    return changed
+
+
+def _holds(data: Any, path: KeyPath) -> bool:
+    """Return whether there is a value at a path."""
+    for key in path:
+        if isinstance(data, list):
+            data = data[key] if isinstance(key, int) and key < len(data) else None
+        else:
+            data = data.get(str(key)) if isinstance(data, dict) else None
+    return data is not None
 
 
 def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
