@@ -166,7 +166,7 @@ def test_energies_that_cannot_be_varied_are_told_with_the_cause(
         ("coupling: {file: drag.py}",
          "coupling.file: there is an effect 'coupling' already. Give yours another name."),
         ("'drag,2': {file: drag.py}",
-         "drag,2.file: the name of an effect has letters, digits and '_' only."),
+         "drag,2.file: the name of an effect is a letter, then letters, digits and '_'."),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_its_key_is_told(

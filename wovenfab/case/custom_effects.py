@@ -8,7 +8,9 @@ of the same name.
 from __future__ import annotations
 
 import re
+import signal
 import sys
+import threading
 import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -32,6 +34,8 @@ from wovenfab.case.errors import in_brief, one_of, refusal, wrong
 
 #: Keys of an effect that are no parameters.
 RESERVED = (FILE, LAW)
+#: Seconds that the file of an effect, or its forms, may take.
+PATIENCE = 5.0
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
@@ -56,7 +60,7 @@ def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
     if key in forms.effects():
         raise wrong(f"there is an effect '{key}' already", "Give yours another name.")
     if not _NAME.fullmatch(key):
-        raise wrong("the name of an effect has letters, digits and '_' only")
+        raise wrong("the name of an effect is a letter, then letters, digits and '_'")
     effect = _loaded(path, value)
     if effect.name != key:
         raise wrong(
@@ -82,7 +86,8 @@ def _loaded(path: Path, value: str) -> Effect:
     module.__package__, module.__file__ = "forms", str(path)
     sys.modules[module.__name__] = module  # dataclasses look themselves up there
     try:
-        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
+        with _limited():
+            exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
     except SyntaxError as error:
         line = error.lineno if error.filename == str(path) else _line(error, path)
         raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
@@ -104,12 +109,36 @@ def _loaded(path: Path, value: str) -> Effect:
 def _check_forms(effect: Effect, path: Path, value: str) -> None:
     problem = ""
     try:
-        try_forms(effect)
-    except Exception as error:
+        with _limited():
+            try_forms(effect)
+    except (Exception, SystemExit) as error:
         line = "".join(f":{line}" for line in _lines(error, path)[-1:])
         problem = f"{value}{line}: {in_brief(error)}"
     if problem:  # raised out here, where nothing holds the symbols any more
         raise wrong(problem, REMEDY)
+
+
+@contextmanager
+def _limited() -> Iterator[None]:
+    """End what takes too long, such as a loop without an end.
+
+    Raises:
+        TimeoutError: After some seconds.
+    """
+
+    def end(*_: object) -> None:
+        raise TimeoutError(f"it was not ready after {PATIENCE:g} s")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    former = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
 
 
 def _line(error: BaseException, path: Path) -> int | None:
@@ -160,7 +189,7 @@ def custom_effect_errors(scene: Scene) -> Iterator[None]:
         yield
     except (OSError, MemoryError):
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         files = ", ".join(e.file.name for e in scene if e.file)
         if not files:
             raise

@@ -21,6 +21,7 @@ from wovenfab.case.errors import (
     Problem,
     describe,
     dotted,
+    joined,
     near_miss,
     one_of,
     refusal,
@@ -166,7 +167,7 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
         line = error.problem_mark.line + 1 if error.problem_mark else None
         problem = ", ".join(filter(None, (error.context, error.problem)))
         raise refusal(file, f"this is not valid YAML: {problem}", "", line) from error
-    except YAMLError as error:
+    except (YAMLError, ValueError, OverflowError) as error:  # the last two of "\U00110000"
         raise refusal(file, "this is not text: it has control characters in it") from error
     except RecursionError as error:
         raise refusal(file, "lists or mappings are nested too deeply") from error
@@ -197,9 +198,8 @@ def _text_of(path: Path) -> str:
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = path.read_bytes()[: error.start].count(b"\n") + 1
-        raise refusal(
-            str(path), "this is not UTF-8 text", "Save the file in UTF-8.", line
-        ) from error
+        what, remedy = "this is not UTF-8 text", "Save the file in UTF-8."
+        raise refusal(str(path), what, remedy, line) from error
     except OSError as error:
         raise refusal(str(path), f"the file cannot be read: {error.strerror}") from error
 
@@ -227,13 +227,16 @@ class _Reader:
             case ScalarNode() if node.tag in _OTHER_SCALARS:
                 try:
                     return self.scalar(node)
-                except ValueError:
-                    self._problem(line, path, "this number cannot be read")
+                except (ValueError, LookupError):  # such as !!bool x, !!int ""
+                    kind = "value" if node.tag.endswith("bool") else "number"
+                    self._problem(line, path, f"this {kind} cannot be read")
                     return None
             case ScalarNode() if node.tag in _TEXT:
-                if self.folder is not None and path[-1:] in ((FILE,), (STATE,)):
-                    return FileName(node.value, self.folder)
-                return node.value
+                if (text := joined(node.value)) is None:
+                    self._problem(line, path, "half a character, as \\ud83d, is no text")
+                elif self.folder is not None and path[-1:] in ((FILE,), (STATE,)):
+                    return FileName(text, self.folder)
+                return text
         self._problem(line, path, f"YAML tags such as {node.tag!r} mean nothing here")
         return None
 

@@ -94,7 +94,7 @@ def quantity(parameter: Parameter) -> Quantity:
 
 def field(name: str) -> str:
     """Return a name for a field that nothing else has: keys are free, attributes are not."""
-    return f"{name}_"
+    return f"effect_{name}"
 
 
 def models_of(effect: Effect, more: Mapping[str, Any] | None = None) -> dict[str, type[Section]]:

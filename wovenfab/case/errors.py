@@ -265,3 +265,11 @@ def _inner(schema: Mapping[str, Any], part: str | int) -> Iterator[Mapping[str, 
         yield schema["additionalProperties"]
     elif "items" in schema and isinstance(part, int):
         yield schema["items"]
+
+
+def joined(text: str) -> str | None:
+    """Return text with characters in one piece that JSON writes as two; None if half of one."""
+    try:
+        return text.encode("utf-16", "surrogatepass").decode("utf-16")
+    except UnicodeDecodeError:
+        return None

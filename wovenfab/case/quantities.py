@@ -142,6 +142,11 @@ class _Scalar:
         return options[0] if len(options) == 1 else {"anyOf": options}
 
 
+#: Sizes between which products of several quantities are neither infinite nor zero.
+LEAST, MOST = 1e-50, 1e50
+SIZES = f"Values are between {LEAST:g} and {MOST:g} in SI units, or zero."
+
+
 @dataclass(frozen=True)
 class Quantity(_Scalar):
     """A float in the SI unit ``unit``, written as a number, text with a unit or a formula.
@@ -174,6 +179,8 @@ class Quantity(_Scalar):
             words = f"{one_of(self.words)}, or " if self.words else ""
             reason = f"expected {words}{units.kind(self.unit)}, got {error}"
             raise wrong(reason, near_miss(value, self.words)) from error
+        if number and not LEAST < abs(number) < MOST:
+            raise wrong(f"{describe(value)} is beyond what can be computed with", SIZES)
         self.check(number, value)
         return number
 

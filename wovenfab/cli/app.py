@@ -16,7 +16,14 @@ import typer
 
 from wovenfab import __version__
 from wovenfab.case import CaseError
-from wovenfab.cli.console import BAD_INPUT, FAILED_STEP, INTERRUPTED, Console, was_interrupted
+from wovenfab.cli.console import (
+    BAD_INPUT,
+    FAILED_STEP,
+    INTERRUPTED,
+    Console,
+    prepare_streams,
+    was_interrupted,
+)
 
 
 def _directory(what: str) -> Any:
@@ -284,7 +291,13 @@ def schema(
 
 def guarded(command: Callable[[], None]) -> None:
     """Run a command line; no traceback for anything that a user did."""
+    prepare_streams()
     console = Console()
+    try:
+        " ".join(sys.argv).encode()
+    except UnicodeEncodeError:
+        console.problem("an argument is not UTF-8 text; give the file another name")
+        sys.exit(BAD_INPUT)
     try:
         command()
     except CaseError as error:

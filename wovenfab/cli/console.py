@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
+from io import TextIOWrapper
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
@@ -42,6 +45,16 @@ def was_interrupted(error: BaseException) -> bool:
     return cause is not None
 
 
+def prepare_streams() -> None:
+    """Make the output streams take any text, also where the caller has closed them."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w"))  # noqa: SIM115 - until the process ends
+        elif isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
 class Console:
     """Prints on the first rank only: a live bar on a terminal, plain lines in a log."""
 
@@ -56,9 +69,17 @@ class Console:
 
     def say(self, text: str) -> None:
         """Print a line."""
-        if self._first:
+        if not self._first:
+            return
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # by PETSc it ends the process
+        try:
             (self._bar.console.print if self._bar else print)(text)
             sys.stdout.flush()
+        except OSError as error:  # nobody reads any more, or the disk is full: go on without
+            with Path(os.devnull).open("w") as nowhere:
+                os.dup2(nowhere.fileno(), sys.stdout.fileno())
+            if not isinstance(error, BrokenPipeError):
+                self.problem(f"the output cannot be written ({error.strerror}), and is left out")
 
     def problem(self, text: str) -> None:
         """Print a message to the error stream."""

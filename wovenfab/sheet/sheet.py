@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import ceil, cos, sin
 
+import basix
 import numpy as np
 import shapely
 from dolfinx.mesh import (
@@ -23,6 +24,8 @@ from dolfinx.mesh import (
 )
 from mpi4py import MPI
 from numpy.typing import NDArray
+
+from wovenfab.compat import corners_of
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -180,6 +183,26 @@ class Sheet:
         """Return the local facets on the named edge."""
         facets: NDArray[np.int32] = self.facets.find(self.edges[name])
         return facets
+
+
+def quadrature_points(mesh: Mesh, degree: int) -> Array:
+    """Return the points of a quadrature rule in this rank's cells and on their sides.
+
+    Args:
+        mesh: Triangles.
+        degree: Degree of polynomials that the rule integrates exactly.
+
+    Returns:
+        Positions, shape (n, 2), m.
+    """
+    inside, _ = basix.make_quadrature(basix.CellType.triangle, degree)
+    along = basix.make_quadrature(basix.CellType.interval, degree)[0][:, 0]
+    sides = [np.stack(side, axis=1) for side in ((along, 0 * along), (0 * along, along))]
+    points = np.vstack([inside, *sides, np.stack([along, 1 - along], axis=1)])
+    own = mesh.topology.index_map(2).size_local
+    corners = mesh.geometry.x[corners_of(mesh)[:own], :2]
+    shape = np.column_stack([1 - points.sum(axis=1), points])
+    return np.asarray(np.einsum("pi,cid->cpd", shape, corners)).reshape(-1, 2)
 
 
 def directions(angles: tuple[float, float]) -> NDArray[np.float64]:

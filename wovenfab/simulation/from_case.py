@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
-from math import inf, pi
+from math import inf, isfinite, pi
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,20 @@ from wovenfab.case import (
     Table,
     conditions_of,
 )
+from wovenfab.case.checks import unfit_values
+from wovenfab.case.errors import dotted
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value, build_model
+from wovenfab.parallel import agree
 from wovenfab.sheet.aligned import aligned_sheet
-from wovenfab.sheet.sheet import GeometryError, Sheet, directions, rectangle, rectangle_outline
+from wovenfab.sheet.sheet import (
+    GeometryError,
+    Sheet,
+    directions,
+    quadrature_points,
+    rectangle,
+    rectangle_outline,
+)
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
@@ -202,6 +212,26 @@ def model_of(case: Case, sheet: Sheet) -> Model:
             (rotations[0], rotations[1]),
             loads,
         )
+
+
+def require_values(case: Case, model: Model) -> None:
+    """Check formulas where integrals use them, and energies at rest; collective.
+
+    Raises:
+        CaseError: On every rank, with the place or the effect.
+    """
+    found: CaseError | None = None
+    given = [v for e in case.scene for v in e.values.values()]
+    values = [v for one in given for v in (one if isinstance(one, tuple) else (one,))]
+    if any(isinstance(v, Expression) for v in values):
+        x, y = quadrature_points(model.sheet.mesh, model.balance.quadrature).T
+        if x.size and (problems := list(unfit_values(case.scene, x, y))):
+            found = CaseError([case.problem(dotted(path), *rest) for path, *rest in problems])
+    agree(model.comm, found)
+    if names := [name for name, e in model.stored_energy().items() if not isfinite(e)]:
+        message = f"the energy of the sheet at rest is not a number: {', '.join(names)}"
+        remedy = "It must be finite without deformation, with finite derivatives."
+        raise CaseError([case.problem("effects", message, remedy)])
 
 
 def constraints_of(case: Case, model: Model) -> Constraints:

@@ -24,6 +24,7 @@ from wovenfab.simulation.from_case import (
     model_of,
     options_of,
     program_of_case,
+    require_values,
     scheme_of,
 )
 from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
@@ -69,9 +70,11 @@ class Simulation:
             step_size: Another step size control, for comparison.
 
         Raises:
-            CaseError: If an effect cannot be compiled, or PETSc cannot use an option.
+            CaseError: If an effect cannot be compiled or has no value, or PETSc cannot use an
+                option.
         """
         model = model_of(case, sheet)
+        require_values(case, model)
         problem = Problem(model, constraints_of(case, model))
         self.case, self.program = case, program_of_case(case)
         try:

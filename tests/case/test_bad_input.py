@@ -1,0 +1,141 @@
+"""What ended in a traceback once: each is refused in words, or works."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_commands import CASE
+from wovenfab.case import CaseError, read_case
+
+COMMAND = Path(__file__).parents[2] / "env" / "bin" / "wovenfab"
+OWN = """\
+from forms.effect import Effect, Parameter
+from forms.kinematics import shear_angle
+EFFECT = Effect(
+    name="mine",
+    summary="-",
+    parameters=(Parameter("k", "N/m", "stiffness"),),
+    energy=lambda point, values: {energy},
+)
+"""
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    file = tmp_path / "case.yaml"
+    file.write_text(CASE)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("title", "message"),
+    [
+        ("!!bool x", "title: this value cannot be read"),
+        ('!!int ""', "title: this number cannot be read"),
+        ('"\\U00110000"', "this is not text"),
+        ('"\\ud83d"', "title: half a character"),
+    ],
+)
+def test_text_that_is_none_is_refused(title: str, message: str, path: Path) -> None:
+    path.write_text(CASE.replace("title: Small test", f"title: {title}"))
+    with pytest.raises(CaseError, match=message):
+        read_case(path)
+
+
+def test_characters_that_json_writes_as_two_are_read_as_one(path: Path) -> None:
+    path.write_text(CASE.replace("title: Small test", 'title: "\\ud83e\\uddf6"'))
+    assert read_case(path).title == "\U0001f9f6"
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("sheet.length=1e308 m", "sheet.length: '1e308 m' is beyond what can be computed with"),
+        ("program.amplitudes=5e-324 m", "program.amplitudes: '5e-324 m' is beyond"),
+        (
+            "program={type: cycles, amplitudes: 1 mm, frequency: 1e-308 Hz}",
+            "frequency: '1e-308 Hz'",
+        ),
+        ("discretisation.penalty=1e308", "penalty: 1e.308 is beyond"),
+        ("effects.nope=null", "effects.nope: unknown effect"),
+        ("effects.shear.stifness=null", "stifness: unknown key. Did you mean 'stiffness'"),
+        ("boundary.nope=null", "boundary.nope: unknown edge"),
+        ("nope=null", "nope: unknown key"),
+    ],
+)
+def test_an_override_that_cannot_be_meant_is_refused(
+    override: str, message: str, path: Path
+) -> None:
+    with pytest.raises(CaseError, match=message):
+        read_case(path, [override])
+    for unset in ("effects.coupling=null", "boundary.top=null", "time.tolerance=null"):
+        assert read_case(path, [unset]) == read_case(path)
+
+
+@pytest.mark.parametrize(
+    ("code", "name", "message"),
+    [
+        (OWN, "_x", "the name of an effect is a letter"),
+        (OWN.replace("{energy}", "__import__('sys').exit(0)"), "mine", "SystemExit: 0"),
+        ("while True: pass", "mine", "it was not ready after 0.5 s"),
+    ],
+)
+def test_an_own_effect_that_cannot_be_used_is_refused(
+    code: str, name: str, message: str, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wovenfab.case.custom_effects.PATIENCE", 0.5)
+    (path.parent / "own.py").write_text(code)
+    path.write_text(CASE.replace("effects:", f"effects:\n  {name}: {{file: own.py}}"))
+    with pytest.raises(CaseError, match=message):
+        read_case(path)
+
+
+@pytest.mark.parametrize(
+    ("shear", "message"),
+    [
+        ("400 N/m*(1+sqrt((x-5 mm)*(x-10 mm))/1 m)", "has no finite value at x = 0.00"),
+        ("400 N/m*(1-1.5*exp(-((x-0.3507 m)/2 mm)^2))", "must not be negative, but is"),
+    ],
+)
+def test_formulas_are_checked_where_integrals_use_them(
+    shear: str, message: str, path: Path
+) -> None:
+    """The 50 by 50 points of the first check are too coarse for these."""
+    from mpi4py import MPI
+
+    from wovenfab.interface import execute
+
+    case = read_case(path, [f"effects.shear.stiffness={shear}", "discretisation.mesh_size=80 mm"])
+    with pytest.raises(CaseError, match=message):
+        execute(case, path.parent / "results", comm=MPI.COMM_SELF)
+    assert not (path.parent / "results").exists()
+
+
+def test_an_energy_that_is_no_number_at_rest_is_refused(path: Path) -> None:
+    from mpi4py import MPI
+
+    from wovenfab.interface import execute
+
+    energy = "values['k'] * shear_angle(point.f, point.fibres) ** -2"
+    (path.parent / "own.py").write_text(OWN.replace("{energy}", energy))
+    own = "effects:\n  mine: {file: own.py, k: 1 N/m}"
+    path.write_text(CASE.replace("effects:", own))
+    with pytest.raises(CaseError, match=r"sheet at rest is not a number: .*mine"):
+        execute(read_case(path), path.parent / "results", comm=MPI.COMM_SELF)
+
+
+@pytest.mark.parametrize("end", ["> /dev/full", ">&-", "| head -0; test ${PIPESTATUS[0]} = 0"])
+def test_output_that_nobody_reads_does_not_end_a_command(end: str, path: Path) -> None:
+    script = f"{COMMAND} check {path} {end}"
+    ended = subprocess.run(["bash", "-c", script], text=True, capture_output=True, check=False)
+    assert ended.returncode == 0 and "Traceback" not in ended.stderr
+
+
+def test_a_path_that_is_not_utf_8_is_refused(path: Path) -> None:
+    name = os.fsencode(path.parent) + b"/\xff.yaml"
+    ended = subprocess.run([COMMAND, b"check", name], capture_output=True, check=False)
+    assert ended.returncode == 2 and b"is not UTF-8 text" in ended.stderr
