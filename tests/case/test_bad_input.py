@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
+import time
 from pathlib import Path
 
 import pytest
@@ -139,3 +140,26 @@ def test_a_path_that_is_not_utf_8_is_refused(path: Path) -> None:
     name = os.fsencode(path.parent) + b"/\xff.yaml"
     ended = subprocess.run([COMMAND, b"check", name], capture_output=True, check=False)
     assert ended.returncode == 2 and b"is not UTF-8 text" in ended.stderr
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["time.steps_per_cycle=1000000", "program.amplitudes=[%s]"], "has 1e.08 steps; at most"),
+        (["discretisation.mesh_size=1 mm"], "unknowns need about .* GB of memory, and there are"),
+    ],
+)
+def test_what_no_machine_can_hold_is_refused_before_it_is_made(
+    overrides: list[str], message: str, path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from mpi4py import MPI
+
+    from wovenfab.simulation import from_case
+
+    monkeypatch.setattr(from_case, "memory_of_machine", lambda: 8e9)
+    amplitudes = ", ".join(["1 mm"] * 100)
+    case = read_case(path, [text.replace("%s", amplitudes) for text in overrides])
+    start = time.monotonic()
+    with pytest.raises(CaseError, match=message):
+        from_case.sheet_of(case, MPI.COMM_SELF)
+    assert time.monotonic() - start < 5

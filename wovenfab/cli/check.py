@@ -31,12 +31,14 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         return 0
     from mpi4py import MPI
 
-    from wovenfab.simulation.from_case import program_of_case, sheet_of
+    from wovenfab.simulation.from_case import program_of_case, require_memory, sheet_of
 
     sheet = sheet_of(case, MPI.COMM_WORLD)
 
     steps = len(program_of_case(case).milestones) - 1
-    for line in describe(case, count_unknowns(case, sheet), steps):
+    unknowns = count_unknowns(case, sheet)
+    require_memory(case, unknowns, MPI.COMM_WORLD)
+    for line in describe(case, unknowns, steps):
         console.say(line)
     return 0
 

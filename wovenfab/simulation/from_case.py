@@ -43,6 +43,7 @@ from wovenfab.sheet.sheet import (
     rectangle,
     rectangle_outline,
 )
+from wovenfab.simulation.progress import memory, memory_of_machine
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
@@ -103,12 +104,29 @@ def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
     return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
 
 
+#: Steps that a program may have in all.
+MOST_STEPS = 2_000_000
+
+
 def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     """Return the meshed sheet of a case; collective.
 
     Raises:
-        CaseError: If the geometry cannot be meshed, or lacks an edge that the case names.
+        CaseError: If the geometry cannot be meshed or lacks an edge that the case names; if the
+            case has more steps, or needs more memory, than there can be.
     """
+    per_cycle = case.time.steps_per_cycle
+    steps = sum(
+        len(s.amplitudes) * per_cycle if isinstance(s, Cycles) else getattr(s, "steps", 0)
+        for s in case.program
+    )
+    if steps > MOST_STEPS:
+        message = f"has {steps:.3g} steps; at most {MOST_STEPS:.3g} are possible"
+        raise CaseError([case.problem("program", message, "Take fewer steps a cycle or cycles.")])
+    if isinstance(case.sheet, Rectangle) and (size := case.discretisation.mesh_size):
+        triangles = 2 * case.sheet.length * case.sheet.width / size**2
+        nodes = triangles * case.discretisation.degree**2 / 2
+        require_memory(case, int(2 * nodes * case.needs.placements), comm)
     try:
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     except GeometryError as error:
@@ -119,6 +137,24 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
         key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
         raise CaseError([case.problem(key, message, known)])
     return sheet
+
+
+def require_memory(case: Case, unknowns: int, comm: MPI.Comm) -> None:
+    """Refuse what the memory of all machines together cannot hold; collective.
+
+    Raises:
+        CaseError: On every rank.
+    """
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    have = comm.allreduce(memory_of_machine() / machine.size)
+    machine.Free()
+    if (need := memory(unknowns)) > have:
+        message = (
+            f"about {unknowns:.3g} unknowns need about {need / 1e9:.3g} GB of memory, "
+            f"and there are {have / 1e9:.3g} GB"
+        )
+        remedy = "Take larger cells or a lower degree, or more machines."
+        raise CaseError([case.problem("discretisation.mesh_size", message, remedy)])
 
 
 def follows_fibres(case: Case) -> bool:

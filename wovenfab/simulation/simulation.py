@@ -24,6 +24,7 @@ from wovenfab.simulation.from_case import (
     model_of,
     options_of,
     program_of_case,
+    require_memory,
     require_values,
     scheme_of,
 )
@@ -74,6 +75,7 @@ class Simulation:
                 option.
         """
         model = model_of(case, sheet)
+        require_memory(case, model.unknowns, model.comm)
         require_values(case, model)
         problem = Problem(model, constraints_of(case, model))
         self.case, self.program = case, program_of_case(case)
