@@ -31,7 +31,7 @@ def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
     snes.destroy()
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP])
 def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
     number: signal.Signals, tmp_path: Path
 ) -> None:

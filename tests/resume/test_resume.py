@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from itertools import product
 from pathlib import Path
@@ -21,6 +23,7 @@ from wovenfab.record.results import (
     ResultsExistError,
     open_results,
 )
+from wovenfab.simulation.progress import Interruption
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -301,3 +304,12 @@ def test_a_state_that_cannot_be_used_is_refused(
     with pytest.raises(CaseError, match=message):
         run(case.changed({"from_state": str(tmp_path / "tension")}, override), tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+def test_a_signal_that_comes_twice_at_once_is_one() -> None:
+    """A batch system sends it to all processes, and a launcher passes it on."""
+    with Interruption() as interruption:
+        interruption.begin_steps()
+        for _ in range(2):
+            os.kill(os.getpid(), signal.SIGUSR1)
+        assert interruption.asked(ALONE) == signal.SIGUSR1

@@ -21,6 +21,7 @@ from wovenfab.cli.console import (
     SIGNALLED,
     Console,
     is_first_rank,
+    is_launched,
 )
 from wovenfab.record.results import NothingToResumeError, ResultsExistError
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
@@ -68,7 +69,7 @@ def run_case(
     started, options = time.perf_counter(), options or Options()
     case, until = read_case(path, overrides), _seconds(options.until)
     directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
-    with Interruption() as interruption, console:
+    with Interruption(is_launched()) as interruption, console:
         try:
             log.configure(options.verbosity, options.log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))

@@ -82,6 +82,8 @@ if TYPE_CHECKING:
 
 #: Signals of a terminal that is closed or Ctrl-C, of batch systems and of ``kill``.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
+#: Seconds in which signals are one: a terminal, a launcher and a batch system may all send it.
+TOGETHER = 0.5
 #: Seconds after a signal in which a step may still come to its end.
 QUICK = 4.0
 
@@ -112,12 +114,19 @@ def signal_behind(error: BaseException) -> int:
 class Interruption:
     """Notes a signal while steps are made; before that a signal ends the program as usual.
 
-    A context manager, which hands the signals back to those who had them. A second signal of
-    the same kind ends the process at once.
+    A context manager, which hands the signals back to those who had them. A second signal ends
+    the process at once; one that comes together with the first, as a launcher and a batch system
+    send it twice, is the same.
     """
 
-    def __init__(self) -> None:
-        """Note nothing yet."""
+    def __init__(self, launched: bool = False) -> None:
+        """Note nothing yet.
+
+        Args:
+            launched: A launcher of ranks passes the signals on, and kills soon after all but
+                SIGUSR1: then the step in progress is dropped.
+        """
+        self._launched = launched
         self._number, self._since = 0, 0.0
         self._stepping = False
         self._former: dict[int, Any] = {}
@@ -142,6 +151,8 @@ class Interruption:
     def begin_steps(self) -> None:
         """From now on a signal lets the step in progress come to its end."""
         self._stepping = True
+        for number in self._former:  # PETSc has put its own in place of some
+            signal.signal(number, self._note)
 
     def asked(self, comm: MPI.Comm) -> int:
         """Return the number of a signal that any rank has got, or 0; collective."""
@@ -154,12 +165,18 @@ class Interruption:
         Raises:
             InterruptedRunError: A signal came some seconds ago; on every rank.
         """
-        late = self._number and time.monotonic() - self._since > QUICK
+        quick = 0.0 if self._launched and self._number != signal.SIGUSR1 else QUICK
+        late = self._number and time.monotonic() - self._since > quick
         if number := max(comm.allgather(self._number if late else 0)):
             raise InterruptedRunError(number)
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        signal.signal(number, signal.SIG_DFL)
+        now = time.monotonic()
+        if self._number and now - self._since < TOGETHER:
+            return
+        if self._number:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        self._number, self._since = number, now
         if not self._stepping:
             raise InterruptedRunError(number)
-        self._number, self._since = number, time.monotonic()
