@@ -6,7 +6,7 @@ ranks = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive fuzz unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -50,6 +50,9 @@ hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" fo
 
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)
+
+fuzz: ## check mutated cases; count=2000 of them (20 minutes)
+	$(enter) python3 -m tests.fuzz $(count)
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page

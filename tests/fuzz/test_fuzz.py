@@ -1,0 +1,10 @@
+"""Some mutated cases; ``make fuzz`` tries 2 000."""
+
+from __future__ import annotations
+
+from tests.fuzz.__main__ import fuzz
+
+
+def test_mutated_cases_are_accepted_or_refused_in_words() -> None:
+    # Other tests share the processors: only a check without an end is too long here.
+    assert fuzz(range(24), seconds=60.0).keys() <= {"accepted", "refused"}
