@@ -169,3 +169,13 @@ def test_words_in_comments_and_files_by_name_are_allowed(tmp_path: Path) -> None
     (tmp_path / "whole.geo").write_text('// Print, then Exit.\nInclude "part.geo";\n')
     whole, part = (from_file(MPI.COMM_SELF, tmp_path / f"{n}.geo", None) for n in ("whole", "part"))
     assert whole[2] == part[2]
+
+
+def test_a_geometry_in_millimetres_is_refused_before_it_is_meshed(tmp_path: Path) -> None:
+    (tmp_path / "mm.geo").write_text(
+        "Point(1) = {0, 0, 0}; Point(2) = {900, 0, 0}; Point(3) = {900, 300, 0};\n"
+        "Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 1};\n"
+        "Curve Loop(1) = {1:3}; Plane Surface(1) = {1};\n"
+    )
+    with pytest.raises(GeometryError, match=r"900 m x 300 m in cells of 0\.05 m are too many"):
+        from_file(MPI.COMM_WORLD, tmp_path / "mm.geo", 0.05)

@@ -27,6 +27,8 @@ READING = re.compile(r"\b(?:Include|Merge|MergeWithBoundingBox|ShapeFromFile)\b"
 NAMED = re.compile(READING.pattern + r"\s*\(?\s*\"([^\"\n]*)\"")
 #: Comments, whose content does nothing, and strings.
 COMMENTS = re.compile(r"//[^\n]*|/\*.*?\*/|\"[^\"\n]*\"", re.DOTALL)
+#: Cells of a mesh at most, by the area of what encloses the sheet.
+MOST_CELLS = 1e7
 #: Segments that a full circle of the outline is divided in, at least.
 SEGMENTS = 48
 
@@ -115,6 +117,7 @@ def _read(
     gmsh.open(str(path))
     prepare(gmsh)
     if mesh_size is not None:
+        _require_few(gmsh, path, mesh_size)
         gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size)
     if not gmsh.model.mesh.getNodes()[0].size:
         gmsh.model.mesh.generate(2)
@@ -122,6 +125,17 @@ def _read(
         raise GeometryError(f"{path}: no physical surface; add one, such as Physical Surface")
     if not gmsh.model.getPhysicalGroups(1):
         raise GeometryError(f'{path}: no named edges; add, such as Physical Curve("left")')
+
+
+def _require_few(gmsh: Any, path: Path, mesh_size: float) -> None:
+    """Refuse a geometry that would get too many cells, as one in millimetres does."""
+    x, y, _, right, top, _ = gmsh.model.getBoundingBox(-1, -1)
+    wide, high = right - x, top - y
+    if 2 * wide * high > MOST_CELLS * mesh_size**2:
+        raise GeometryError(
+            f"{path}: {wide:g} m x {high:g} m in cells of {mesh_size:g} m are too many; "
+            "the unit of a geometry is the metre"
+        )
 
 
 def _require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
