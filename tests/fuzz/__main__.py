@@ -6,7 +6,6 @@ without a traceback, and nothing may be written.
 
 from __future__ import annotations
 
-import os
 import random
 import re
 import subprocess
@@ -166,27 +165,33 @@ def _check(path: Path, seconds: float) -> Outcome:
     command = [sys.executable, "-P", "-m", "wovenfab", "check", str(path)]
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, cwd=path.parent, stdout=said, stderr=said)
-        until = time.monotonic() + seconds
-        while True:
-            pid, status, usage = os.wait4(process.pid, os.WNOHANG)
-            if pid:
-                break
+        until, most = time.monotonic() + seconds, 0
+        while process.poll() is None:
+            most = max(most, _memory(process.pid))
             if time.monotonic() > until:
                 process.kill()
-                os.wait4(process.pid, 0)
+                process.wait()
                 return Outcome("hang", path.name)
             time.sleep(0.02)
-        process.returncode = os.waitstatus_to_exitcode(status)
         said.seek(0)
         text = said.read().decode(errors="replace")
     words = (text.strip().splitlines() or [""])[-1]
     if "Traceback" in text:
         return Outcome("traceback", words)
-    if usage.ru_maxrss * 1024 > BYTES:
-        return Outcome("memory", f"{usage.ru_maxrss / 1024:.0f} MB")
+    if most > BYTES:
+        return Outcome("memory", f"{most / 1e6:.0f} MB")
     if process.returncode not in (0, 2) or not words:
         return Outcome(f"exit code {process.returncode}", words)
     return Outcome("refused" if process.returncode else "accepted", words)
+
+
+def _memory(process: int) -> int:
+    """Return the largest memory of a process so far (bytes); what it got at its end may lack."""
+    try:
+        lines = Path(f"/proc/{process}/status").read_text().splitlines()
+    except OSError:
+        return 0
+    return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM")), 0)
 
 
 def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
