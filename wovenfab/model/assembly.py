@@ -12,8 +12,9 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
-from functools import cache
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -27,6 +28,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
+from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map
 from wovenfab.parallel import agree
@@ -159,59 +161,78 @@ def _processor() -> str:
     return "\n".join(sorted(kinds)) or platform.machine()
 
 
-@cache
-def _join_users_of(folder: Path) -> TextIO:
-    """Join the processes that use the cache; the first one clears what a killed one left.
-
-    FFCx takes a kernel without its ``.cached`` mark for one that another process is
-    compiling, and waits for it. With no other process there, nobody is.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = (folder / "users.lock").open("w")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        pass
-    else:
-        for source in folder.glob("*.c"):
-            if not source.with_suffix(".c.cached").exists():
-                source.unlink(missing_ok=True)
-    fcntl.flock(lock, fcntl.LOCK_SH)
-    return lock
+#: Time (s) that FFCx waits for another process to compile the same kernel, before this one
+#: looks whether that process is still alive.
+PATIENCE = 10
 
 
 def jit_options() -> dict[str, Any]:
     """Return the options of dolfinx's just-in-time compiler."""
-    _join_users_of(cache_folder())
     return {
         "cffi_extra_compile_args": list(FLAGS),
         "cache_dir": str(cache_folder()),
-        "timeout": 600,  # another rank or process may be compiling the same kernel
+        "timeout": PATIENCE,
     }
+
+
+def _compiled[T](compile_it: Callable[[], T]) -> T:
+    """Return what is compiled, also where another process was killed while it compiled the same.
+
+    FFCx waits for a kernel that is without its ``.cached`` mark. Every compiling process shares a
+    lock, so that whoever has it alone knows that nobody works on such a kernel.
+    """
+    folder = cache_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    while True:
+        with (folder / "users.lock").open("w") as lock, suppress(TimeoutError):
+            with suppress(BlockingIOError):
+                _remove_unfinished(folder, lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(lock, fcntl.LOCK_SH)
+            return compile_it()
+        with (folder / "users.lock").open("w") as lock:
+            _remove_unfinished(folder, lock, fcntl.LOCK_EX)
+
+
+def _remove_unfinished(folder: Path, lock: TextIO, alone: int) -> None:
+    """Remove the kernels that a killed process left unfinished, once no other one compiles."""
+    fcntl.flock(lock, alone)
+    for source in folder.glob("*.c"):
+        if not source.with_suffix(".c.cached").exists():
+            source.unlink(missing_ok=True)
+
+
+def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
+    """Put kernels into the cache, each rank its share; collective.
+
+    The ranks that have less to do wait asleep: MPI's own waiting would keep a processor busy
+    that the compiler of another rank could use.
+    """
+    problem = None
+    options = {"scalar_type": default_scalar_type}
+    try:
+        for symbol in symbols[comm.rank :: comm.size]:
+            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, options, jit_options()))
+    except Exception as error:
+        problem = error
+    _wait_asleep(comm)
+    agree(comm, problem)
+
+
+def compile_forms(forms: Sequence[Any], comm: MPI.Comm) -> list[fem.Form]:
+    """Return the compiled forms; collective.
+
+    Args:
+        forms: Most expensive first.
+        comm: Communicator of their mesh.
+    """
+    if comm.size > 1:
+        _precompile(forms, comm)
+    return [_compiled(partial(fem.form, form, jit_options=jit_options())) for form in forms]
 
 
 def compile_form(form: Any) -> fem.Form:
     """Return the compiled form; collective over the mesh's communicator."""
-    return fem.form(form, jit_options=jit_options())
-
-
-def compile_forms(forms: Sequence[Any], comm: MPI.Comm) -> list[fem.Form]:
-    """Return the compiled forms, most expensive first; each rank compiles its share.
-
-    The ranks that have less to do wait asleep: MPI's own waiting would keep a
-    processor busy that the compiler of another rank could use.
-    """
-    if comm.size > 1:
-        problem = None
-        try:
-            for form in forms[comm.rank :: comm.size]:
-                options = {"scalar_type": default_scalar_type}
-                ffcx_jit(MPI.COMM_SELF, form, options, jit_options())
-        except Exception as error:
-            problem = error
-        _wait_asleep(comm)
-        agree(comm, problem)
-    return [compile_form(form) for form in forms]
+    return compile_forms([form], form.ufl_domain().ufl_cargo().comm)[0]
 
 
 def compile_sums(sums: Mapping[str, Sequence[Any]], comm: MPI.Comm) -> dict[str, Sum]:
@@ -226,6 +247,9 @@ def _wait_asleep(comm: MPI.Comm) -> None:
         time.sleep(0.02)
 
 
-def compile_expression(expression: Any, points: Any) -> fem.Expression:
-    """Return a compiled expression at reference ``points``, shape (n, 2)."""
-    return fem.Expression(expression, points, jit_options=jit_options())
+def compile_expression(expression: Any, points: NDArray[np.float64]) -> fem.Expression:
+    """Return a compiled expression at reference ``points``, shape (n, 2); collective."""
+    comm = extract_unique_domain(expression).ufl_cargo().comm
+    if comm.size > 1:
+        _precompile([(expression, points)], comm)
+    return _compiled(partial(fem.Expression, expression, points, jit_options=jit_options()))

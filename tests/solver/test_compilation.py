@@ -1,0 +1,66 @@
+"""A compilation that was killed delays nobody for long."""
+
+from __future__ import annotations
+
+import fcntl
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ufl
+from dolfinx import fem
+from dolfinx.mesh import create_unit_square
+from mpi4py import MPI
+
+from wovenfab.model import assembly
+
+
+def leave_unfinished(cache: Path) -> None:
+    """Leave the kernels in a cache as a killed process does: begun, not marked as ready."""
+    marks = list(cache.rglob("*.c.cached"))
+    assert marks
+    for mark in marks:
+        mark.unlink()
+
+
+def area() -> float:
+    """Return the area of a unit square, by a form and by an expression, compiled anew."""
+    mesh = create_unit_square(MPI.COMM_WORLD, 2, 2)
+    one = fem.Constant(mesh, 1.0)
+    cells = mesh.topology.index_map(2).size_local
+    values = assembly.compile_expression(one + one, np.array([[0.3, 0.3]])).eval(
+        mesh, np.arange(cells, dtype=np.int32)
+    )
+    assert (values == 2.0).all()
+    return assembly.assemble_scalar((assembly.compile_form(one * ufl.dx),), mesh.comm)
+
+
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of kernels that all ranks share, in which FFCx waits for one second."""
+    folder = Path(MPI.COMM_WORLD.bcast(str(tmp_path)))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
+    monkeypatch.setattr(assembly, "PATIENCE", 1)
+    return folder
+
+
+@pytest.mark.mpi
+def test_kernels_that_a_killed_process_left_are_compiled_anew(cache: Path) -> None:
+    assert area() == pytest.approx(1.0)
+    MPI.COMM_WORLD.Barrier()
+    if MPI.COMM_WORLD.rank == 0:
+        leave_unfinished(cache)
+    MPI.COMM_WORLD.Barrier()
+    assert area() == pytest.approx(1.0)
+
+
+def test_kernels_left_while_another_process_compiles_are_compiled_anew(cache: Path) -> None:
+    area()
+    leave_unfinished(cache)
+    with (assembly.cache_folder() / "users.lock").open("w") as other:
+        fcntl.flock(other, fcntl.LOCK_SH)
+        ends = threading.Timer(2.5, fcntl.flock, (other, fcntl.LOCK_UN))
+        ends.start()
+        assert area() == pytest.approx(1.0)
+        assert not ends.is_alive()
