@@ -4,8 +4,16 @@
 #   <cache>/roots/<key>.partial  one being made; what an interruption leaves is removed
 #   <cache>/roots/<key>.lock     held by the one who makes or removes it
 
+# Prints the user's home folder: that of the system's list where HOME is not set.
+home_folder() {
+  local home=${HOME:-$(unset HOME && echo ~)}
+  [ -d "$home" ] || fail "there is no home folder '$home': set HOME or XDG_CACHE_HOME"
+  echo "$home"
+}
+
 cache_folder() {
-  local base=${XDG_CACHE_HOME:-${HOME:-/nonexistent}/.cache}
+  local base=${XDG_CACHE_HOME:-}
+  [ -n "$base" ] || base=$(home_folder)/.cache
   mkdir -p "$base/wovenfab" 2>/dev/null ||
     fail "cannot write to $base: set XDG_CACHE_HOME to a folder with 4 GB to spare"
   (cd "$base/wovenfab" && pwd -P)

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import pwd
+import shutil
+import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -54,13 +59,13 @@ def test_paths_mean_the_same_inside(machine: Machine, way: str) -> None:
     assert (machine.folder / "absolute result").read_text() == "2\n"
 
 
-@pytest.mark.parametrize("signal", ["TERM", "HUP"])
-def test_a_signal_reaches_the_command(machine: Machine, way: str, signal: str) -> None:
-    script = f"trap 'echo saved; exit 11' {signal}; echo up; while true; do sleep 0.05; done"
+@pytest.mark.parametrize("kind", ["TERM", "HUP", "USR1"])
+def test_a_signal_reaches_the_command(machine: Machine, way: str, kind: str) -> None:
+    script = f"trap 'echo saved; exit 11' {kind}; echo up; while true; do sleep 0.05; done"
     process = machine.start("sh", "-c", script, WOVENFAB_ENTER=way)
     assert process.stdout is not None
     assert process.stdout.readline() == "up\n"
-    subprocess.run(["kill", "-s", signal, str(process.pid)], check=True)
+    subprocess.run(["kill", "-s", kind, str(process.pid)], check=True)
     out, _ = process.communicate(timeout=20)
     assert (out, process.returncode) == ("saved\n", 11)
 
@@ -118,3 +123,35 @@ def test_an_unknown_way_in_is_refused(machine: Machine) -> None:
     run = machine.enter("true", WOVENFAB_ENTER="docker")
     assert run.returncode == 125
     assert "native, bwrap or proot" in run.stderr
+
+
+def test_without_home_the_cache_is_in_the_home_folder_of_the_systems_list(machine: Machine) -> None:
+    script = f". '{machine.project}/env/lib/say.sh'; . '{machine.project}/env/lib/root.sh'; "
+    run = subprocess.run(["bash", "-ec", script + "home_folder"], env={}, capture_output=True, text=True)
+    assert (run.returncode, run.stdout.strip()) == (0, pwd.getpwuid(os.getuid()).pw_dir)
+
+
+def test_a_home_folder_that_is_not_there_is_not_made(machine: Machine) -> None:
+    home = machine.folder / "nowhere"
+    run = machine.enter("true", WOVENFAB_ENTER="bwrap", XDG_CACHE_HOME="", HOME=str(home))
+    assert run.returncode == 125
+    assert "there is no home folder" in run.stderr
+    assert not home.exists()
+
+
+def test_a_colon_in_the_projects_path_is_refused(machine: Machine) -> None:
+    project = machine.folder / "a:b"
+    shutil.copytree(machine.project / "env", project / "env")
+    run = replace(machine, project=project).enter("true")
+    assert run.returncode == 125
+    assert "has a colon" in run.stderr
+
+
+def test_an_interrupt_from_a_program_reaches_the_command_once(machine: Machine, way: str) -> None:
+    script = "n=0; trap 'n=$((n+1))' INT; echo up; sleep 1 & wait; wait; echo $n"
+    process = machine.start("sh", "-c", script, WOVENFAB_ENTER=way)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "up\n"
+    os.kill(process.pid, signal.SIGINT)
+    out, _ = process.communicate(timeout=20)
+    assert (out, process.returncode) == ("1\n", 0)
