@@ -127,7 +127,9 @@ def test_an_unknown_way_in_is_refused(machine: Machine) -> None:
 
 def test_without_home_the_cache_is_in_the_home_folder_of_the_systems_list(machine: Machine) -> None:
     script = f". '{machine.project}/env/lib/say.sh'; . '{machine.project}/env/lib/root.sh'; "
-    run = subprocess.run(["bash", "-ec", script + "home_folder"], env={}, capture_output=True, text=True)
+    run = subprocess.run(
+        ["bash", "-ec", script + "home_folder"], env={}, capture_output=True, text=True
+    )
     assert (run.returncode, run.stdout.strip()) == (0, pwd.getpwuid(os.getuid()).pw_dir)
 
 

@@ -59,10 +59,14 @@ def test_overwriting_follows_no_link_out_of_the_directory(tmp_path: Path) -> Non
     assert outside.read_text() == "mine"
 
 
-def test_a_file_in_the_way_is_named(tmp_path: Path) -> None:
-    (tmp_path / "results").write_text("")
-    with pytest.raises(ResultsExistError, match="is a file"):
-        open_results(tmp_path / "results")
+@pytest.mark.parametrize("below", ["", "new"])
+def test_what_is_in_the_way_is_named(tmp_path: Path, below: str) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "link").symlink_to("nowhere")
+    with pytest.raises(ResultsExistError, match="file is a file"):
+        open_results(tmp_path / "file" / below)
+    with pytest.raises(ResultsExistError, match="is a link to nowhere, which is not there"):
+        open_results(tmp_path / "link" / below)
 
 
 def test_a_failed_write_leaves_the_old_text(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from itertools import product
 from pathlib import Path
@@ -15,6 +17,7 @@ from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.interface import Execution, execute
+from wovenfab.parallel import child_environment
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import (
@@ -244,6 +247,51 @@ def test_a_full_disk_leaves_the_series_as_it_was(
     assert (tmp_path / "fields.xdmf").read_text() == text
     assert list(read_fields(tmp_path).times) == [0.0]
     assert not list(tmp_path.rglob(".*part"))
+
+
+#: A run whose files cannot grow beyond some bytes, as if the disk were full.
+LIMITED = """
+import resource, signal, sys
+from mpi4py import MPI
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, 2 * (int(sys.argv[1]),))
+sys.argv = ["wovenfab", "resume", sys.argv[2]]
+from wovenfab.cli.app import main
+main()
+"""
+
+
+@pytest.mark.parametrize(("room", "code"), [(1500, 2), (50_000, 4)])
+def test_a_run_whose_disk_is_full_goes_on_once_there_is_room(
+    tmp_path: Path, room: int, code: int
+) -> None:
+    """Without room for the smallest files it is refused, otherwise it ends with a message."""
+    case, place = small("bias-1x3", "output.every=1", "output.checkpoint=3"), tmp_path / "parts"
+    whole = run(case, tmp_path / "whole")
+    run(case, place, until=0.02)
+    before = {name: (place / name).read_bytes() for name in (CHECKPOINT, "fields.h5")}
+    ended = subprocess.run(
+        [sys.executable, "-c", LIMITED, str(room), place],
+        env=child_environment(),
+        stderr=subprocess.PIPE,
+    )
+    assert ended.returncode == code
+    assert b"cannot be written: File too large" in ended.stderr
+    assert b"Traceback" not in ended.stderr
+    assert before == {name: (place / name).read_bytes() for name in before}
+    assert_same(run(case, place, resume=True), whole, 0.0)
+
+
+def test_a_clock_that_is_set_back_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    case = small("bias-1x3", "output.checkpoint=1 ms")
+    whole = run(case, tmp_path / "whole")
+    hours = iter(range(10**9, 0, -3600))
+    monkeypatch.setattr(time, "time", lambda: float(next(hours)))
+    run(case, tmp_path / "parts", until=0.02)
+    os.utime(tmp_path / "parts" / CHECKPOINT, (0, 0))
+    assert_same(run(case, tmp_path / "parts", resume=True), whole, 0.0)
 
 
 def test_a_run_for_an_accuracy_goes_on_with_what_was_chosen_for_it(tmp_path: Path) -> None:

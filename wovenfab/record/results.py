@@ -226,12 +226,13 @@ def write_whole(path: Path, content: str | bytes) -> None:
 
 
 def _refuse(directory: Path, overwrite: bool) -> None:
-    if directory.exists() and not directory.is_dir():
+    there = next(p for p in (directory, *directory.absolute().parents) if os.path.lexists(p))
+    if not there.is_dir():
+        kind = "a file" if there.exists() else f"a link to {there.readlink()}, which is not there"
         raise ResultsExistError(
-            f"{directory} is a file, so no results can be written there; "
+            f"{there} is {kind}, so no results can be written there; "
             "choose another directory with -o"
         )
-    there = next(p for p in (directory, *directory.absolute().parents) if p.exists())
     if not os.access(there, os.W_OK | os.X_OK):
         raise _unwritable(directory, PermissionError(EACCES, os.strerror(EACCES)))
     if not directory.exists() or not any(directory.iterdir()):
