@@ -5,10 +5,12 @@ from __future__ import annotations
 import fcntl
 import threading
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import ufl
+from cffi import VerificationError
 from dolfinx import fem
 from dolfinx.mesh import create_unit_square
 from mpi4py import MPI
@@ -64,3 +66,11 @@ def test_kernels_left_while_another_process_compiles_are_compiled_anew(cache: Pa
         ends.start()
         assert area() == pytest.approx(1.0)
         assert not ends.is_alive()
+
+
+def test_a_compiler_that_a_signal_ended_is_started_once_more(cache: Path) -> None:
+    ended = VerificationError("CompileError: command 'gcc' failed with exit code -15")
+    compiler = Mock(side_effect=[ended, "kernel", ended, ended])
+    assert assembly._compiled(compiler) == "kernel"
+    with pytest.raises(VerificationError):
+        assembly._compiled(compiler)

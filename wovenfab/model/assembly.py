@@ -20,6 +20,7 @@ from typing import Any, TextIO
 
 import numpy as np
 import ufl
+from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.jit import ffcx_jit
@@ -179,16 +180,25 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
     """Return what is compiled, also where another process was killed while it compiled the same.
 
     FFCx waits for a kernel that is without its ``.cached`` mark. Every compiling process shares a
-    lock, so that whoever has it alone knows that nobody works on such a kernel.
+    lock, so that whoever has it alone knows that nobody works on such a kernel. A compiler that a
+    signal has ended is started once more: the signal may have been meant for this process, which
+    has its own way to end.
     """
-    folder = cache_folder()
+    folder, killed = cache_folder(), False
     folder.mkdir(parents=True, exist_ok=True)
     while True:
-        with (folder / "users.lock").open("w") as lock, suppress(TimeoutError):
+        with (folder / "users.lock").open("w") as lock:
             with suppress(BlockingIOError):
                 _remove_unfinished(folder, lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             fcntl.flock(lock, fcntl.LOCK_SH)
-            return compile_it()
+            try:
+                return compile_it()
+            except TimeoutError:
+                pass
+            except VerificationError as error:
+                if killed or "exit code -" not in str(error):
+                    raise
+                killed = True
         with (folder / "users.lock").open("w") as lock:
             _remove_unfinished(folder, lock, fcntl.LOCK_EX)
 
