@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 
 from benchmarks.assembly import assembly
+from benchmarks.checkpoints import checkpoints
 from benchmarks.cold_start import cold_start
 from benchmarks.default import default
 from benchmarks.effects import cost_of_effects
@@ -17,6 +18,7 @@ SECTIONS: Mapping[str, Section] = {
     "cold-start": cold_start,
     "effects": cost_of_effects,
     "default": default,
+    "checkpoints": checkpoints,
     "assembly": assembly,
     "textbook": textbook,
     "growth": growth,
