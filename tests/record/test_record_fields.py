@@ -1,3 +1,4 @@
+import resource
 import subprocess
 import sys
 from itertools import pairwise
@@ -107,6 +108,21 @@ def test_a_run_that_is_killed_leaves_all_written_times(tmp_path: Path) -> None:
     assert ended.returncode == -9
     assert len(read(tmp_path / "fields.xdmf")) == 3
     assert read_fields(tmp_path).times.tolist() == [0.0, 1.0, 2.0]
+
+
+def test_more_times_can_be_read_than_files_be_open(tmp_path: Path) -> None:
+    serial(tmp_path, list(range(90)))
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (80, limits[1]))
+    try:
+        stored = read_fields(tmp_path)
+        assert [stored.field("beta", i)[0] for i in (0, 89)] == [
+            0.0,
+            data(np.arange(1), 89)["beta"][0],
+        ]
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+    assert stored.times.tolist() == list(range(90))
 
 
 def test_writing_goes_on_while_somebody_reads(tmp_path: Path) -> None:

@@ -84,7 +84,8 @@ class FieldFile:
     """Cells and fields on their points over time.
 
     Each time is a file of its own in a folder, written whole: neither a killed run nor a full
-    disk can damage the times before. ``name.h5`` joins them by links, as groups of ``/steps``.
+    disk can damage the times before. ``name.h5`` joins them by links, as groups of ``/steps``, and
+    lists them as ``/numbers`` and ``/times``.
     """
 
     def __init__(
@@ -114,7 +115,7 @@ class FieldFile:
         self._units, self._folder = dict(units), directory / name
         self._vectors: dict[str, bool] = {}
         self._steps: list[int] = []
-        self._last: float | None = None  # time, s
+        self._times: list[float] = []  # s
 
         def fill(file: h5py.File) -> None:
             mesh = file.create_group("mesh")
@@ -135,10 +136,10 @@ class FieldFile:
             ValueError: The time does not increase, or a field changed its shape.
             OSError: The files cannot be written.
         """
-        if self._last is not None and time <= self._last:
-            raise ValueError(f"time {time} s comes after {self._last} s in the fields")
+        if self._times and time <= self._times[-1]:
+            raise ValueError(f"time {time} s comes after {self._times[-1]} s in the fields")
         vectors = {name: values.ndim == 2 for name, values in fields.items()}
-        same = self._last is None or vectors == self._vectors
+        same = not self._times or vectors == self._vectors
         if not same or any(len(values) != self._count for values in fields.values()):
             raise ValueError(f"the fields of step {step} do not have the shapes of the series")
 
@@ -149,10 +150,8 @@ class FieldFile:
             file.attrs.update(step=step, time=time)
 
         write_whole(self._folder / _file_of(step), hdf5_image(fill))
-        self._steps.append(step)
+        self._add(step, time, vectors)
         self._join()
-        self._append(self._frame(time, step, vectors))
-        self._vectors, self._last = vectors, time
 
     def _keep(self, until: int) -> None:
         """Take over the times of an earlier series; remove those after a step."""
@@ -164,16 +163,25 @@ class FieldFile:
             with h5py.File(path, "r", **UNLOCKED) as file:
                 time = float(file.attrs["time"])
                 vectors = {name: data.ndim == 2 for name, data in file.items()}
-            self._steps.append(step)
-            self._append(self._frame(time, step, vectors))
-            self._vectors, self._last = vectors, time
+            self._add(step, time, vectors)
+
+    def _add(self, step: int, time: float, vectors: dict[str, bool]) -> None:
+        self._append(self._frame(time, step, vectors))
+        self._steps.append(step)
+        self._times.append(time)
+        self._vectors = vectors
 
     def _join(self) -> None:
-        """Write the file that has the mesh and all times as links."""
+        """Write the file that has the mesh, and all times as links.
+
+        It lists the times, so that a reader need not open all files at once.
+        """
 
         def fill(file: h5py.File) -> None:
             folder = self._folder.name
             file["mesh"] = h5py.ExternalLink(f"{folder}/{MESH}", "/mesh")
+            file["numbers"] = np.array(self._steps, dtype=np.int64)
+            file.create_dataset("times", data=np.array(self._times)).attrs["unit"] = "s"
             steps = file.create_group("steps")
             for step in self._steps:
                 steps[f"{step:06d}"] = h5py.ExternalLink(f"{folder}/{_file_of(step)}", "/")
@@ -218,7 +226,7 @@ class FieldFile:
 
     def _append(self, frame: str) -> None:
         """Add a frame at the end of the XDMF, without rewriting the thousands before it."""
-        if self._last is None:
+        if not self._times:
             write_whole(self._text, _HEAD + frame + _TAIL)
             return
         with self._text.open("r+b", buffering=0) as file:  # one write: readers find it whole

@@ -254,11 +254,8 @@ def read_fields(directory: str | Path, name: str = FIELDS) -> StoredFields:
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: the run wrote no fields")
     with h5py.File(path, "r", **UNLOCKED) as file:
-        complete = (group for group in file["steps"].values() if "time" in group.attrs)
-        groups = sorted(complete, key=lambda group: float(group.attrs["time"]))
-        steps = np.array([group.attrs["step"] for group in groups], dtype=np.int64)
-        times = np.array([group.attrs["time"] for group in groups], dtype=np.float64)
-        fields = groups[0].items() if groups else ()
+        steps, times = file["numbers"][()], file["times"][()]
+        fields = file[f"steps/{steps[0]:06d}"].items() if len(steps) else ()
         units = {name: str(data.attrs["unit"]) for name, data in fields}
     return StoredFields(path, steps, times, units)
 
