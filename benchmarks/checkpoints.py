@@ -26,20 +26,19 @@ LARGE = (
     "program={type: ramp, to: 0.75 mm, steps: 3, duration: 6 ms}",
     "output.checkpoint=1",
 )
-#: Many steps of a coarse sheet.
-MANY = (
+#: A coarse sheet, a checkpoint after each step or none, and numbers of cycles of 16 steps.
+COARSE = (
     "discretisation={degree: 2, mesh_size: 150 mm}",
-    f"program={{type: cycles, amplitudes: [{', '.join(['5 mm'] * 50)}], frequency: 5 Hz}}",
     *("time.steps_per_cycle=16", "output.every=100"),
 )
+FEW, MANY = 50, 150
 
 
 def checkpoints() -> list[Figure]:
     """Return what checkpoints take of a run, and how the memory grows with their number."""
     default, large = (_sample(o, ranks=2) for o in ((), LARGE))
-    with_each, without = (
-        _sample((*MANY, f"output.checkpoint={choice}")) for choice in ("1", "false")
-    )
+    grown = [_memory("1", MANY) - _memory("1", FEW), _memory("false", MANY) - _memory("false", FEW)]
+    number = 16 * (MANY - FEW)
     whole = sum(default["seconds"].values())
     print(f"default case, 2 ranks: {default['seconds']['checkpoints']:.3f} s of {whole:.1f} s")
     one = large["seconds"]["checkpoints"] / large["steps"]
@@ -60,14 +59,20 @@ def checkpoints() -> list[Figure]:
             f"{large['unknowns']} unknowns, {one:.2f} s each, one in {EVERY:g} s, 2 ranks",
         ),
         Figure(
-            "memory with a checkpoint after each step over none",
-            with_each["memory"] / without["memory"],
-            1.02,
-            "x",
-            f"peaks after {without['steps']} steps: {with_each['memory'] / 1e6:.1f} and "
-            f"{without['memory'] / 1e6:.1f} MB, 1 rank",
+            "memory that a checkpoint leaves behind",
+            (grown[0] - grown[1]) / number / 1e3,
+            1.0,
+            "kB",
+            f"{number} steps more take {grown[0] / 1e6:.2f} MB with a checkpoint after each, and "
+            f"{grown[1] / 1e6:.2f} MB with none, 1 rank",
         ),
     ]
+
+
+def _memory(every: str, cycles: int) -> float:
+    amplitudes = ", ".join(["5 mm"] * cycles)
+    program = f"program={{type: cycles, amplitudes: [{amplitudes}], frequency: 5 Hz}}"
+    return float(_sample((*COARSE, program, f"output.checkpoint={every}"))["memory"])
 
 
 def _sample(overrides: Sequence[str], ranks: int = 1) -> dict[str, Any]:

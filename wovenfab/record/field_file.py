@@ -263,7 +263,7 @@ def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 #: Version of what checkpoints hold; another one cannot be read.
-VERSION = 1
+VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -274,7 +274,7 @@ class Checkpoint:
         step: Number of the step.
         time: s.
         values: Plain values, which stand for arrays by their names.
-        arrays: Rows of all cells by name; on rank 0 alone.
+        arrays: Rows of all cells by name, on rank 0 alone; and the program so far.
     """
 
     step: int

@@ -98,7 +98,7 @@ class Blocks:
         Raises:
             ValueError: The ranks have blocks of different sizes; on every rank.
         """
-        from mpi4py.util.dtlib import from_numpy_dtype
+        from mpi4py import MPI
 
         count = self._counts[self._comm.rank]
         widths = set(self._comm.allgather(rows.size // count if count else None)) - {None}
@@ -106,7 +106,7 @@ class Blocks:
             raise ValueError("the ranks hand over blocks of different sizes")
         width = widths.pop() if widths else 0
         # counting whole blocks keeps MPI's 32-bit counts from overflowing
-        block = from_numpy_dtype(rows.dtype).Create_contiguous(width).Commit()
+        block = MPI.Datatype.fromcode(rows.dtype.char).Create_contiguous(width).Commit()
         received = np.empty((self.total if self._comm.rank == 0 else 0, width), rows.dtype)
         starts = list(accumulate(self._counts, initial=0))[:-1]
         try:

@@ -38,6 +38,8 @@ Array = NDArray[np.float64]
 STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
+#: Array of the times (s) and displacements (m) of the program so far, shape (2, n).
+PROGRAM = "program"
 #: Difference of displacements, over the largest one, below which programs are the same.
 SAME = 1e-9
 #: Sections of a case that a run may change when it goes on.
@@ -160,6 +162,8 @@ class Checkpoints:
         self._every = simulation.case.output.checkpoint
         self._format = SnapshotFormat(simulation.model)
         self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
+        planned = [(m.time, m.displacement) for m in simulation.program.milestones]
+        self._program = np.array(planned).T
         self._steps, self._clock = 0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
@@ -178,9 +182,9 @@ class Checkpoints:
         """Write one of the last accepted state, unless that was done; collective."""
         if self._every is False or not self._steps:
             return
-        stepper, program = self._simulation.stepper, self._simulation.program
-        made = [m for m in program.milestones if m.time <= stepper.time]
+        stepper = self._simulation.stepper
         values, arrays = self._format.gather(stepper.snapshot())
+        arrays[PROGRAM] = self._program[:, self._program[0] <= stepper.time]
         kept = Checkpoint(
             stepper.number,
             stepper.time,
@@ -188,7 +192,6 @@ class Checkpoints:
                 "stepper": values,
                 "case": self._case,
                 "chosen": self._chosen,
-                "program": ([m.time for m in made], [m.displacement for m in made]),
                 **self._more(),
             },
             arrays,
@@ -203,13 +206,15 @@ class Checkpoints:
 
 
 def load_checkpoint(directory: Path, comm: MPI.Comm) -> Checkpoint:
-    """Return the newest checkpoint of a results directory, its arrays on rank 0; collective.
+    """Return the newest checkpoint of a results directory; collective.
+
+    Its arrays by cell are on rank 0 alone.
 
     Raises:
         NothingToResumeError: There is none.
     """
     newest = from_root(comm, lambda: newest_checkpoint(directory), None)
-    plain = comm.bcast(None if newest is None else replace(newest, arrays={}))
+    plain = comm.bcast(newest and replace(newest, arrays={PROGRAM: newest.arrays[PROGRAM]}))
     return newest or plain
 
 
@@ -322,8 +327,8 @@ def contents_of(case: Case) -> dict[str, str]:
 
 def _has_made(case: Case, checkpoint: Checkpoint) -> bool:
     """Return whether a case has the program of a checkpoint up to its time."""
-    program, (times, displacements) = program_of_case(case), checkpoint.values["program"]
-    largest = max(map(abs, displacements))
+    program, (times, displacements) = program_of_case(case), checkpoint.arrays[PROGRAM]
+    largest = np.abs(displacements).max()
     return bool(
         program.milestones[-1].time >= checkpoint.time
         and all(
