@@ -1,19 +1,22 @@
 """``python3 -m tests.fuzz [COUNT]``: mutated cases, each checked by the command as a user would.
 
 A file must be accepted (exit code 0) or refused with a message (2), within 10 s and 500 MB,
-without a traceback, and nothing may be written.
+without a traceback, and nothing may be written. Every fourth that is accepted is run, too, until
+it ends or is told to end: with a message, and without a traceback.
 """
 
 from __future__ import annotations
 
 import random
 import re
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
@@ -21,6 +24,11 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 CASES = sorted((ROOT / "configs").rglob("*.yaml"))
 COUNT, SECONDS, BYTES = 2000, 10.0, 500e6
+#: Which share of the accepted files is run, for how long (s), and how a run may end: done, refused,
+#: a step that cannot be made, told to end.
+SHARE, RUN, ENDS = 4, 12.0, (0, 2, 3, 143)
+#: Time in which a run that is told to end must have done so (s).
+PATIENCE = 20.0
 #: What takes the place of a value.
 VALUES = (
     *("nan", ".inf", "-.inf", "1e308", "5e-324", "-1", "0", "1e-40", "-0.0", "12 parsec", "40 kg"),
@@ -80,6 +88,7 @@ GEOMETRIES = (
     "Exit;\n",
     "For i In {1:2} EndFor For\n",
 )
+GOOD = {"accepted", "refused", "run"}
 EFFECT = (ROOT / "docs" / "examples" / "my_effect.py").read_text(encoding="utf-8")
 RETURN = 'return values["stiffness"] / 2 * gamma**2'
 EFFECTS = (
@@ -158,31 +167,57 @@ def checked(seed: int, seconds: float = SECONDS) -> tuple[str, Outcome]:
         outcome = _check(path, seconds)
         if sorted(folder.iterdir()) != before:
             outcome = Outcome("file written", outcome.words)
+        if outcome.kind == "accepted" and seed % SHARE == 0:
+            outcome = _run(path, seconds)
     return text, outcome
 
 
 def _check(path: Path, seconds: float) -> Outcome:
-    command = [sys.executable, "-P", "-m", "wovenfab", "check", str(path)]
-    with tempfile.TemporaryFile() as said:
-        process = subprocess.Popen(command, cwd=path.parent, stdout=said, stderr=said)
-        until, most = time.monotonic() + seconds, 0
-        while process.poll() is None:
-            most = max(most, _memory(process.pid))
-            if time.monotonic() > until:
-                process.kill()
-                process.wait()
-                return Outcome("hang", path.name)
-            time.sleep(0.02)
-        said.seek(0)
-        text = said.read().decode(errors="replace")
+    code, text, memory = _ended(("check", str(path)), path.parent, seconds, signal.SIGKILL)
     words = (text.strip().splitlines() or [""])[-1]
+    if code == -signal.SIGKILL:
+        return Outcome("hang", words)
     if "Traceback" in text:
         return Outcome("traceback", words)
-    if most > BYTES:
-        return Outcome("memory", f"{most / 1e6:.0f} MB")
-    if process.returncode not in (0, 2) or not words:
-        return Outcome(f"exit code {process.returncode}", words)
-    return Outcome("refused" if process.returncode else "accepted", words)
+    if memory > BYTES:
+        return Outcome("memory", f"{memory / 1e6:.0f} MB")
+    if code not in (0, 2) or not words:
+        return Outcome(f"exit code {code}", words)
+    return Outcome("refused" if code else "accepted", words)
+
+
+def _run(path: Path, seconds: float) -> Outcome:
+    arguments = ("run", str(path), "-o", "results", "--set", "output.pictures=false")
+    time_of_run = RUN * seconds / SECONDS
+    code, text, _ = _ended(arguments, path.parent, time_of_run, signal.SIGTERM)
+    words = (text.strip().splitlines() or [""])[-1]
+    if "Traceback" in text:
+        return Outcome("traceback in a run", words)
+    history = path.parent / "results" / "history.csv"
+    if history.exists() and re.search(r"\b(nan|inf)\b", history.read_text(encoding="utf-8")):
+        return Outcome("no number in the history of a run", words)
+    return Outcome("run" if code in ENDS and words else f"exit code {code} of a run", words)
+
+
+def _ended(
+    arguments: tuple[str, ...], folder: Path, seconds: float, end: signal.Signals
+) -> tuple[int, str, int]:
+    """Return exit code, output and largest memory (bytes) of a command that has so many seconds."""
+    command = [sys.executable, "-P", "-m", "wovenfab", *arguments]
+    with tempfile.TemporaryFile() as said:
+        process = subprocess.Popen(command, cwd=folder, stdout=said, stderr=said)
+        until, most = time.monotonic() + seconds, 0
+        while process.poll() is None and time.monotonic() <= until:
+            most = max(most, _memory(process.pid))
+            time.sleep(0.02)
+        if process.poll() is None:
+            process.send_signal(end)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(PATIENCE)
+            process.kill()
+            process.wait()
+        said.seek(0)
+        return process.returncode, said.read().decode(errors="replace"), most
 
 
 def _memory(process: int) -> int:
@@ -202,7 +237,7 @@ def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
             seeds, pool.map(checked, seeds, repeat(seconds)), strict=True
         ):
             counts[outcome.kind] += 1
-            if outcome.kind not in ("accepted", "refused"):
+            if outcome.kind not in GOOD:
                 print(f"== seed {seed}: {outcome.kind}: {outcome.words}\n{text}", flush=True)
     return counts
 
@@ -210,4 +245,4 @@ def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
 if __name__ == "__main__":
     result = fuzz(range(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT))
     print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
-    sys.exit(0 if result.keys() <= {"accepted", "refused"} else 1)
+    sys.exit(0 if result.keys() <= GOOD else 1)
