@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import csv
 import re
+import subprocess
+import sys
+import time
 from dataclasses import replace
 from math import sin, sqrt
 from pathlib import Path
@@ -17,6 +20,8 @@ from tests import scenes
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.studies import study_accuracy
+from wovenfab.record.field_file import newest_checkpoint
+from wovenfab.record.results import CHECKPOINT
 from wovenfab.study.accuracy.errors import Refinement, best_of, order_of, own_error
 from wovenfab.study.accuracy.measure import (
     DISSIPATED,
@@ -29,6 +34,7 @@ from wovenfab.study.accuracy.measure import (
 from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.accuracy.strategy import Runner, run_study
 from wovenfab.study.accuracy.study import TARGETS, Study
+from wovenfab.study.runner import fingerprint
 
 #: A strip along its yarns whose stiffness varies: springs in series.
 SPRINGS = """
@@ -233,3 +239,25 @@ def test_the_cases_of_the_page_can_be_read(shown: Shown) -> None:
     assert read_case(ROOT / shown.case, shown.settings).needs.placements == (
         1 if "bonded" in shown.name else 2
     )
+
+
+def test_a_run_that_was_killed_goes_on_from_its_checkpoint(tmp_path: Path) -> None:
+    case = read_case(written(tmp_path, PULL), ("time.steps_per_cycle=400", "output.checkpoint=10"))
+    runs, setting = StoredRuns(case, tmp_path / "store"), Setting("both", "P2", 2.0, "", (), ())
+    changed = case.changed(*setting.overrides)
+    whole = measure(changed)
+    folder = tmp_path / "store" / fingerprint(changed, Path(measure.__code__.co_filename))
+    module = ["-m", "wovenfab.study.accuracy.measure", str(case.path), str(folder)]
+    with subprocess.Popen([sys.executable, *module, *changed.overrides]) as running:
+        while running.poll() is None and not (folder / CHECKPOINT).exists():
+            time.sleep(0.01)
+        running.kill()
+    before = newest_checkpoint(folder).step
+    again = runs(setting)
+    assert 0 < before < again.steps
+    assert (again.values, again.steps, again.iterations) == (
+        whole.values,
+        whole.steps,
+        whole.iterations,
+    )
+    assert list((tmp_path / "store").iterdir()) == [folder.with_suffix(".json")]

@@ -7,12 +7,14 @@ run alone.
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import ufl
@@ -23,10 +25,13 @@ from forms.kinematics import displacements
 from wovenfab.case import Case, read_case
 from wovenfab.model.assembly import cache_folder, compile_form
 from wovenfab.model.model import Model
+from wovenfab.record.results import has_checkpoint
+from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.progress import peak_memory
+from wovenfab.simulation.progress import InterruptedRunError, Interruption, peak_memory
 from wovenfab.simulation.response import interpolated_peak_force
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.simulation.run import EFFORT
+from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.runner import Command, Store, execute, fingerprint
@@ -34,6 +39,8 @@ from wovenfab.study.runner import Command, Store, execute, fingerprint
 PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_interpolated_N", "dissipated_J", "rms_beta_m"
 #: Another process may be compiling kernels of its own meanwhile; then the run starts again.
 _MOST_STARTS = 4
+#: Exit code of a run that a signal ended, less the signal's number.
+_SIGNALLED = 128
 
 
 @dataclass(frozen=True)
@@ -75,59 +82,115 @@ class Measured:
         return self.setup + self.stepping
 
 
-def measure(case: Case, stop_if_compiled: bool = False) -> Measured:
+@dataclass
+class Recorded:
+    """What is known of a run so far; plain values, which a checkpoint keeps.
+
+    Attributes:
+        times, forces: Of each state (s, N).
+        kinks: Whether prescribed values jump there.
+        dissipated: Energy so far (J); None where nothing dissipates.
+        farthest: Largest displacement so far (m); negative before the first state.
+        rms: Root mean square of beta there (m).
+        seconds: Time of all steps.
+        memory: Largest memory, bytes.
+        effort: Counts of the outcome so far.
+    """
+
+    times: list[float] = field(default_factory=list)
+    forces: list[float] = field(default_factory=list)
+    kinks: list[bool] = field(default_factory=list)
+    dissipated: float | None = None
+    farthest: float = -1.0
+    rms: float = 0.0
+    seconds: float = 0.0
+    memory: int = 0
+    effort: dict[str, Any] = field(default_factory=dict)
+
+    def add(self, step: Step) -> None:
+        """Add a state."""
+        self.times.append(step.time)
+        self.forces.append(step.force)
+        self.kinks.append(step.milestone is not None and step.milestone.jump)
+        self.dissipated = sum(step.dissipated.values()) if step.dissipated else None
+        counts = asdict(Outcome(**self.effort).after(step))
+        self.effort = {name: counts[name] for name in EFFORT}
+
+    def values(self, cycles: int) -> dict[str, float]:
+        """Return the values of :class:`Measured` that the run has."""
+        values = {}
+        if len(self.times) > 1:
+            times, forces = np.array(self.times), np.array(self.forces)
+            values[PEAK_FORCE] = interpolated_peak_force(times, forces, self.kinks)
+        if self.dissipated is not None:
+            values[DISSIPATED] = self.dissipated / max(cycles, 1)
+        return values | ({RMS_BETA: self.rms} if self.farthest >= 0 else {})
+
+
+def measure(case: Case, folder: Path | None = None) -> Measured:
     """Run a case in this process, on one rank, and return its results and cost.
 
     Args:
         case: The case.
-        stop_if_compiled: Return without a step if kernels had to be compiled, which takes
-            time and memory; then nothing but ``compile`` is known.
+        folder: For checkpoints; the run goes on from the one that is there. If kernels have to be
+            compiled, which takes time and memory, no step is made: nothing but ``compile`` is
+            known. None to run in any case and without checkpoints.
+
+    Raises:
+        InterruptedRunError: A signal ended the run; its last state is in the folder.
     """
-    before = _kernels()
-    start = time.perf_counter()
+    before, start = _kernels(), time.perf_counter()
     with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
         slip = RmsBeta(simulation.model)
         setup = time.perf_counter() - start
-        if stop_if_compiled and _kernels() != before:
+        if folder is not None and _kernels() != before:
             return Measured(compile=setup)
-        recorded: list[Step] = []
-        farthest, rms, paused = -1.0, 0.0, 0.0
+        so_far, paused = Recorded(), 0.0
 
-        def observe(step: Step) -> None:
-            nonlocal farthest, rms, paused
-            recorded.append(step)
-            if slip.is_defined and abs(step.displacement) > farthest:
-                moment = time.perf_counter()
-                farthest, rms = abs(step.displacement), slip()
-                paused += time.perf_counter() - moment
+        def look(step: Step) -> None:
+            nonlocal paused
+            so_far.add(step)
+            moment = time.perf_counter()
+            if slip.is_defined and abs(step.displacement) > so_far.farthest:
+                so_far.farthest, so_far.rms = abs(step.displacement), slip()
+            if checkpoints is not None:
+                checkpoints(step)
+            paused += time.perf_counter() - moment
 
+        def known() -> Recorded:
+            seconds = so_far.seconds + time.perf_counter() - start - paused
+            return replace(so_far, seconds=seconds, memory=max(so_far.memory, peak_memory()))
+
+        def state() -> dict[str, Any]:
+            return {"measured": asdict(known())}
+
+        checkpoints: Checkpoints | None = None
+        if folder is not None:
+            folder.mkdir(parents=True, exist_ok=True)
+            checkpoints = Checkpoints(simulation, folder, state, lambda: None)
+            if has_checkpoint(folder):
+                checkpoint = load_checkpoint(folder, simulation.comm)
+                simulation.resume(checkpoint)
+                so_far = Recorded(**checkpoint.values["measured"])
         start = time.perf_counter()
-        outcome = simulation.run(observe)
+        with Interruption() as interruption:
+            outcome = simulation.run(
+                look, outcome=Outcome(**so_far.effort), interruption=interruption
+            )
+        if outcome.signal:
+            if checkpoints is not None:
+                checkpoints.write()
+            raise InterruptedRunError(outcome.signal)
+        whole = known()
         return Measured(
-            values=_values(recorded, simulation) | ({RMS_BETA: rms} if farthest >= 0 else {}),
+            values=whole.values(len(simulation.program.cycles)),
             unknowns=simulation.model.unknowns,
-            steps=outcome.steps,
-            iterations=outcome.iterations,
-            tangents=outcome.tangents,
-            cutbacks=outcome.cutbacks,
+            **{name: getattr(outcome, name) for name in EFFORT},
             setup=setup,
-            stepping=time.perf_counter() - start - paused,
-            memory=peak_memory(),
+            stepping=whole.seconds,
+            memory=whole.memory,
             failure="" if outcome.failure is None else str(outcome.failure),
         )
-
-
-def _values(steps: Sequence[Step], simulation: Simulation) -> dict[str, float]:
-    """Return peak force and dissipated energy per cycle, where there are any."""
-    values = {}
-    if len(steps) > 1:
-        times, forces = (np.array([getattr(s, name) for s in steps]) for name in ("time", "force"))
-        kinks = [s.milestone is not None and s.milestone.jump for s in steps]
-        values[PEAK_FORCE] = interpolated_peak_force(times, forces, kinks)
-    if steps and steps[-1].dissipated:
-        cycles = max(len(simulation.program.cycles), 1)
-        values[DISSIPATED] = sum(steps[-1].dissipated.values()) / cycles
-    return values
 
 
 class RmsBeta:
@@ -186,7 +249,8 @@ class StoredRuns:
         """Return results and cost of a setting.
 
         Raises:
-            KeyboardInterrupt: This process was interrupted; the run was ended, too.
+            KeyboardInterrupt: This process was interrupted; the run was ended, too. The next
+                call goes on from its last checkpoint.
         """
         self.asked += 1
         case = self._case.changed(*setting.overrides)
@@ -194,25 +258,32 @@ class StoredRuns:
         if (result := self._store.load(key)) is not None:
             self.stored += 1
             return Measured(**result)
-        measured = self._run(case)
+        folder = self._store.folder / key
+        measured = self._run(case, folder)
         self._store.save(key, key, asdict(measured))
+        shutil.rmtree(folder, ignore_errors=True)
         return measured
 
-    def _run(self, case: Case) -> Measured:
+    def _run(self, case: Case, folder: Path) -> Measured:
         module = "wovenfab.study.accuracy.measure"
-        command = Command(["-m", module, str(case.path), *case.overrides])
+        command = Command(["-m", module, str(case.path), str(folder.resolve()), *case.overrides])
         compiled = 0.0
         for _ in range(_MOST_STARTS):
             ended = execute(command, self._progress)
+            if (ended.code < 0 or ended.code > _SIGNALLED) and has_checkpoint(folder):
+                continue  # killed: it goes on from there
             if ended.failure:
                 return Measured(failure=ended.failure, compile=compiled)
             measured = Measured(**ended.result)
             if not measured.compile:
                 return replace(measured, compile=compiled)
             compiled += measured.compile
-        return Measured(failure="kernels were compiled again and again", compile=compiled)
+        return Measured(failure="it was compiled or killed again and again", compile=compiled)
 
 
 if __name__ == "__main__":
-    result = measure(read_case(Path(sys.argv[1]), sys.argv[2:]), stop_if_compiled=True)
+    try:
+        result = measure(read_case(Path(sys.argv[1]), sys.argv[3:]), Path(sys.argv[2]))
+    except InterruptedRunError as signalled:
+        sys.exit(_SIGNALLED + signalled.number)
     print(json.dumps(asdict(result)))
