@@ -163,3 +163,22 @@ def test_what_no_machine_can_hold_is_refused_before_it_is_made(
     with pytest.raises(CaseError, match=message):
         from_case.sheet_of(case, MPI.COMM_SELF)
     assert time.monotonic() - start < 5
+
+
+@pytest.mark.parametrize(
+    ("part", "other", "message"),
+    [
+        ("(Parameter(", "(1, Parameter(", r"EFFECT.parameters\[0\] is of type int, not Parameter"),
+        ('"N/m"', "3", r"EFFECT.parameters\[0\].unit is of type int, not str"),
+        ('summary="-"', "summary=None", "EFFECT.summary is of type NoneType, not str"),
+        ("lambda point, values: 1", "3", "EFFECT.energy is of type int, not Callable or None"),
+    ],
+)
+def test_an_own_effect_of_wrong_types_is_refused(
+    part: str, other: str, message: str, path: Path
+) -> None:
+    own = OWN.format(energy="1").replace(part, other)
+    path.with_name("own.py").write_text(own)
+    path.write_text(CASE.replace("effects:\n", "effects:\n  mine: {file: own.py, k: 1 N/m}\n"))
+    with pytest.raises(CaseError, match=message):
+        read_case(path)

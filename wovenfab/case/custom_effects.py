@@ -15,9 +15,10 @@ import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import is_dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from types import ModuleType, UnionType
+from typing import Any, get_args, get_origin, get_type_hints
 
 import ufl
 from pydantic_core import PydanticCustomError
@@ -103,7 +104,31 @@ def _loaded(path: Path, value: str) -> Effect:
             f"EFFECT in {value} is of type {type(effect).__name__}, not Effect",
             "It must be an Effect of forms.effect.",
         )
+    if unfit := next(_unfit(effect, "EFFECT"), None):
+        raise wrong(f"{value}: {unfit}")
     return effect
+
+
+def _unfit(item: Any, where: str) -> Iterator[str]:
+    """Yield what in a dataclass is not of the type that it says, in words."""
+    for name, hint in get_type_hints(type(item)).items():
+        part, place = getattr(item, name), f"{where}.{name}"
+        kinds = [get_origin(kind) or kind for kind in get_args(hint) or [hint]]
+        if get_origin(hint) is not UnionType:
+            kinds = [get_origin(hint) or hint]
+        if not isinstance(part, tuple(int | float if k is float else k for k in kinds)):
+            expected = " or ".join(k.__name__.replace("NoneType", "None") for k in kinds)
+            yield f"{place} is of type {type(part).__name__}, not {expected}"
+        elif isinstance(part, tuple):
+            wanted = get_args(hint)[0]
+            for i, one in enumerate(part):
+                if isinstance(one, wanted):
+                    yield from _unfit(one, f"{place}[{i}]")
+                else:
+                    kind = type(one).__name__
+                    yield f"{place}[{i}] is of type {kind}, not {wanted.__name__}"
+        elif is_dataclass(part):
+            yield from _unfit(part, place)
 
 
 def _check_forms(effect: Effect, path: Path, value: str) -> None:
