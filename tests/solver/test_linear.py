@@ -11,7 +11,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests import scenes
-from wovenfab.solver.linear import LinearSolver, create_direct
+from wovenfab.solver.linear import LEAST_SPACE, SPACE, LinearSolver, create_direct
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.solver.reuse import TangentReuse
 from wovenfab.stepping.program import cycle, program_of, ramp
@@ -31,6 +31,30 @@ def laplacian(shift: float = 0.0, held: float = 1.0) -> Any:
             matrix.setValue(i, i + 1, -1.0)
     matrix.assemble()
     return matrix
+
+
+def test_a_factorisation_whose_workspace_is_too_small_is_made_with_more() -> None:
+    # On several ranks MUMPS's estimate may be too low; here a part of it is taken away.
+    size = 60
+    matrix = PETSc.Mat().createSBAIJ(size**2, 1, nnz=3, comm=PETSc.COMM_SELF)
+    for i in range(size**2):
+        matrix.setValue(i, i, 4.0)
+        if (i + 1) % size:
+            matrix.setValue(i, i + 1, -1.0)
+        if i + size < size**2:
+            matrix.setValue(i, i + size, -1.0)
+    matrix.assemble()
+    linear = LinearSolver(create_direct(matrix.comm), matrix)
+    linear.space = -90
+    solution, b = matrix.createVecs()
+    solution.set(1.0)
+    matrix.mult(solution, b)
+    assert linear.solve(b, solution) > 0
+    assert linear.space == LEAST_SPACE
+    assert linear.factor.getMumpsIcntl(SPACE) == LEAST_SPACE
+    np.testing.assert_allclose(solution.array, 1.0, rtol=1e-12)
+    for thing in (linear, matrix, solution, b):
+        thing.destroy()
 
 
 class Counting(LinearSolver):

@@ -33,8 +33,15 @@ Reason = PETSc.KSP.ConvergedReason
 STATUS, NEGATIVE, NULL, ENTRIES, OPERATIONS = 1, 12, 28, 29, 3
 #: Of MUMPS: null pivots are counted apart instead of ending the factorisation.
 COUNT_NULL = 24
+#: Of MUMPS: how much larger its workspace is than it has estimated, in per cent.
+SPACE = 14
 #: Status of MUMPS where a pivot is null.
 SINGULAR = -10
+#: Status of MUMPS where its workspace was too small, of integers and of numbers: on several ranks
+#: its estimate may fail, for these share their work as it comes.
+TOO_SMALL = -8, -9
+#: SPACE is doubled from the first until it is enough, or above the second.
+LEAST_SPACE, MOST_SPACE = 50, 1000
 #: Operations for an entry of the factor that take as long as to use the entry in an iteration.
 OPERATIONS_PER_USE = 40.0
 #: Error of a solution in the energy norm, relative: no Newton step needs less.
@@ -140,6 +147,7 @@ class LinearSolver:
         counts: Whether the factor counts the negative eigenvalues.
         prefix: Beginning of the names of its PETSc options.
         iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
+        space: By how much MUMPS's workspace exceeds its estimate (per cent); 0 for its default.
         source: What the present matrix was formed from.
     """
 
@@ -165,6 +173,7 @@ class LinearSolver:
         self.prefix = direct.getOptionsPrefix() or ""
         self._positive = self.counts  # whether all were so far
         self._gradients: ConjugateGradients | None = None
+        self.space = 0
         self._begun = False  # PETSc's factor must not be asked for before: that creates one
         self._made = -1  # state of the matrix when it was factorised
         self.source: Any = None
@@ -305,9 +314,20 @@ class LinearSolver:
         self._spent, self._solved, self._last = self._cost, 0, 0
 
     def _factorise(self) -> None:
+        self._set_up()
+        while self.status in TOO_SMALL and self.space < MOST_SPACE:
+            self.space = max(LEAST_SPACE, 2 * self.space)
+            logger.info("factorised with %d %% more workspace than estimated", self.space)
+            self._pc.reset()
+            self._set_up()
+
+    def _set_up(self) -> None:
         if self.counts:
             self._matrix.setOption(PETSc.Mat.Option.SPD, self._positive)
         self._direct.setOperators(self._matrix)
+        if self.space:
+            self._pc.setFactorSetUpSolverType()
+            self.factor.setMumpsIcntl(SPACE, self.space)
         self._begun = True
         self._direct.setUp()
 
