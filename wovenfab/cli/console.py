@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 import time
+from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
 from types import TracebackType
@@ -81,12 +82,21 @@ class Console:
             if not isinstance(error, BrokenPipeError):
                 self.problem(f"the output cannot be written ({error.strerror}), and is left out")
 
-    def problem(self, text: str) -> None:
-        """Print a message to the error stream."""
-        if self._first:
-            print(
-                f"wovenfab: {text}" if ".yaml:" not in text else text, file=sys.stderr, flush=True
-            )
+    def problem(self, text: str, launcher_ends: bool = False) -> None:
+        """Print a message to the error stream.
+
+        Args:
+            text: The message.
+            launcher_ends: mpirun was interrupted, too, and passes nothing on any more: print it
+                to the terminal, if there is one.
+        """
+        if not self._first:
+            return
+        line = text if ".yaml:" in text else f"wovenfab: {text}"
+        print(line, file=sys.stderr, flush=True)
+        if launcher_ends:
+            with suppress(OSError), Path("/dev/tty").open("w") as terminal:
+                print(line, file=terminal)
 
     def log(self, text: str) -> None:
         """Print a message of the log to the error stream, or above the live bar."""

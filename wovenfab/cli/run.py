@@ -103,7 +103,8 @@ def run_case(
     go_on = f"'wovenfab resume {directory}' goes on"
     if run.outcome.signal:
         name = Signals(run.outcome.signal).name
-        console.problem(f"{name} after step {run.outcome.steps}; {go_on}")
+        ends = is_launched() and run.outcome.signal != Signals.SIGUSR1
+        console.problem(f"{name} after step {run.outcome.steps}; {go_on}", ends)
         return SIGNALLED + run.outcome.signal
     if run.outcome.failure is not None:
         console.problem(f"{run.outcome.failure}; the results before that are in {directory}")
