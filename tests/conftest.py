@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import logging
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +15,15 @@ from mpi4py import MPI
 def shared_path(tmp_path: Path) -> Path:
     """Rank 0's temporary directory, on all ranks."""
     return MPI.COMM_WORLD.bcast(tmp_path, root=0)
+
+
+@pytest.fixture(autouse=True)
+def _log_as_before() -> Iterator[None]:
+    """A command that a test has run chose where the log goes: the next test has its own."""
+    package = logging.getLogger("wovenfab")
+    level, propagate, handlers = package.level, package.propagate, package.handlers[:]
+    yield
+    package.level, package.propagate, package.handlers[:] = level, propagate, handlers
 
 
 @pytest.fixture(autouse=True)

@@ -174,9 +174,8 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
 
 
 def test_a_plan_reaches_its_accuracy_and_logs_its_choices(
-    caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(logging.getLogger("wovenfab"), "propagate", True)
     caplog.set_level(logging.INFO, logger="wovenfab.study")
     case = case_of(
         "elastic-1x3",
