@@ -25,8 +25,8 @@ ROOT = Path(__file__).parents[2]
 CASES = sorted((ROOT / "configs").rglob("*.yaml"))
 COUNT, SECONDS, BYTES = 2000, 10.0, 500e6
 #: Which share of the accepted files is run, for how long (s), and how a run may end: done, refused,
-#: a step that cannot be made, told to end.
-SHARE, RUN, ENDS = 4, 12.0, (0, 2, 3, 143)
+#: a step that cannot be made, told to end (also after its last step).
+SHARE, RUN, ENDS = 4, 12.0, (0, 2, 3, 143, -signal.SIGTERM)
 #: Time in which a run that is told to end must have done so (s).
 PATIENCE = 20.0
 #: What takes the place of a value.
