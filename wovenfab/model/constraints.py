@@ -5,7 +5,8 @@ Held placements: which unknowns each edge prescribes, and the forces there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -197,6 +198,29 @@ class Constraints:
             held = share * part.held.at(part.positions, program)
             self._values.x.array[part.dofs] = self.origin[part.dofs] + held
         self._values.x.scatter_forward()
+
+    def virtual_displacement(self, edge: str, direction: tuple[float, float]) -> Array:
+        """Return a unit displacement of an edge's held unknowns (1), zero at all others.
+
+        Args:
+            edge: Name of the edge.
+            direction: Unit vector.
+        """
+        virtual = np.zeros(self._values.x.array.size)
+        for part in self._parts:
+            if part.edge == edge:
+                virtual[part.dofs] = direction[part.component]
+        return virtual
+
+    @contextmanager
+    def prescribed(self, values: Array) -> Iterator[list[fem.DirichletBC]]:
+        """Yield boundary conditions that prescribe other values; the present ones return."""
+        before = self._values.x.array.copy()
+        self._values.x.array[:] = values
+        try:
+            yield self.bcs
+        finally:
+            self._values.x.array[:] = before
 
     def reactions(self, force: Array) -> dict[str, tuple[float, float]]:
         """Return the force (N) that each edge exerts on the sheet, x and y.

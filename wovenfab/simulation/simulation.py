@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from signal import Signals
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from mpi4py import MPI
 
@@ -34,6 +34,9 @@ from wovenfab.solver.problem import OptionError, Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
+
+if TYPE_CHECKING:
+    from forms.sensitivity import Target
 
 #: What is called after each accepted step, on every rank; the model's field is that of the step.
 Observer = Callable[[Step], None]
@@ -115,6 +118,19 @@ class Simulation:
         """
         (x, y), (fx, fy) = self._direction, forces[self._edge]
         return x * fx + y * fy, x * fy - y * fx
+
+    def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
+        """Give each step the derivatives of the driven force by parameters; collective.
+
+        Args:
+            targets: The parameters.
+            dissipation: Differentiate the dissipated energy, too.
+
+        Raises:
+            TargetError: If the scene has no such parameter.
+        """
+        edge, direction = self._edge, self._direction
+        self.stepper.differentiate(targets, edge, direction, dissipation=dissipation)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step; collective.

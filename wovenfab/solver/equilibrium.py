@@ -128,6 +128,11 @@ class EquilibriumSolver:
         self.newton.resume(snapshot["newton"])
 
     @property
+    def matrix(self) -> Any:
+        """PETSc's matrix of the last tangent."""
+        return self._matrix
+
+    @property
     def spectrum(self) -> TangentSpectrum:
         """Eigenvalues of the tangent, by its factor."""
         return self.newton.spectrum

@@ -84,6 +84,11 @@ class InteriorPoint:
         above, below = self._room()
         return np.minimum(1 / (self._up / above + self._down / below + creep_slope), most)
 
+    def bound_slope(self) -> Array:
+        """Return d (q - p)/d zeta at fixed stress and products, m^3/N."""
+        above, below = self._room()
+        return self._up / above - self._down / below
+
     def aim(self, creep: Array, level: float, move: Increment | None = None) -> Target:
         """Return the target of a step.
 

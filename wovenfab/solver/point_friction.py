@@ -2,162 +2,28 @@
 
 Each step solves twice with one factor of the tangent (Mehrotra): the predictor aims at the law
 itself, the corrector adds the centring and the second-order terms that the predictor gives.
-``FrictionPoints`` are the points as plain arrays.
+``FrictionPoints`` are the points.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
-import basix
 import numpy as np
-import ufl
 from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.friction import PointFriction
-from wovenfab.model.assembly import compile_expression
 from wovenfab.model.model import Model
-from wovenfab.model.snapshot import PointValues
+from wovenfab.solver.friction_points import FrictionPoints
 from wovenfab.solver.interior_point import Increment, InteriorPoint, Target
 from wovenfab.solver.linear import LinearSolver
 
 Array = NDArray[np.float64]
-
-
-class _PointRule:
-    """The points of one friction on this rank's own cells; values by cell, point, component."""
-
-    def __init__(self, friction: PointFriction, direction: fem.Function) -> None:
-        space = friction.stress.function_space
-        mesh = self._mesh = space.mesh
-        own = mesh.topology.index_map(2).size_local
-        self.cells = np.arange(own, dtype=np.int32)
-        self._dofs = space.dofmap.list[:own]
-        self._size = friction.size
-        self.friction = friction
-        points, weights = basix.make_quadrature(basix.CellType.triangle, friction.degree)
-        self._increment = compile_expression(friction.increment(), points)
-        self._change = compile_expression(friction.change(direction), points)
-        creep = friction.creep()
-        self._creep = None if creep is None else compile_expression(creep, points)
-        given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
-        area, bound = self._at(compile_expression(given, points)).reshape(-1, 2).T
-        self.area = np.repeat(area * np.tile(weights, own), self._size)
-        self.bound = np.repeat(bound, self._size)
-
-    def increments(self) -> Array:
-        return self._at(self._increment)
-
-    def changes(self) -> Array:
-        return self._at(self._change)
-
-    def creep(self) -> Array:
-        """Return the creep and its slope, shape (2, n)."""
-        if self._creep is None:
-            return np.zeros((2, self.bound.size))
-        values = self._at(self._creep).reshape(-1, 2, self._size)
-        return np.swapaxes(values, 0, 1).reshape(2, -1)
-
-    def put(self, function: fem.Function, values: Array) -> None:
-        rows = function.x.array.reshape(-1, self._size)
-        rows[self._dofs] = values.reshape(*self._dofs.shape, self._size)
-
-    def _at(self, expression: fem.Expression) -> Array:
-        values: Array = expression.eval(self._mesh, self.cells)
-        return values.ravel()
-
-
-class FrictionPoints:
-    """All points of some frictions on this rank that have a bound above zero, one by one.
-
-    Attributes:
-        bound: Largest stress zeta at each, shape (n,), as are all values here.
-        area: Area that each stands for, m^2.
-        creeps: Whether any law creeps below its bound.
-    """
-
-    def __init__(self, frictions: Sequence[PointFriction], space: fem.FunctionSpace) -> None:
-        """Evaluate bounds and areas.
-
-        Args:
-            frictions: The frictions.
-            space: Space of the placements.
-        """
-        self._direction = fem.Function(space)
-        self._rules = [_PointRule(f, self._direction) for f in frictions]
-        everywhere = np.concatenate([r.bound for r in self._rules])
-        self._acting = everywhere > 0
-        self._ends = np.cumsum([r.bound.size for r in self._rules])[:-1]
-        self._comm = space.mesh.comm
-        self.bound = everywhere[self._acting]
-        self.area = np.concatenate([r.area for r in self._rules])[self._acting]
-        self.creeps = any(not f.term.effect.set_valued for f in frictions)
-
-    def increments(self) -> Array:
-        """Return the increments b of the model's present field."""
-        return self._all(_PointRule.increments)
-
-    def changes(self, direction: Array) -> Array:
-        """Return the change of b along a direction of own unknowns (m); collective."""
-        self._direction.x.array[: len(direction)] = direction
-        self._direction.x.scatter_forward()
-        return self._all(_PointRule.changes)
-
-    def creep(self) -> tuple[Array, Array]:
-        """Return b below the bound and its slope by the stress, at the forms' stresses."""
-        both = np.hstack([rule.creep() for rule in self._rules])[:, self._acting]
-        return both[0], both[1]
-
-    def put_stress(self, values: Array) -> None:
-        """Give the forms these stresses."""
-        self._put(values, lambda f: f.stress)
-
-    def put_tangent(self, values: Array) -> None:
-        """Give the forms these tangents d tau/d b."""
-        self._put(values, lambda f: f.tangent)
-
-    def by_cell(self, values: Array) -> PointValues:
-        """Return values by friction and cell."""
-        parts = zip(self._rules, self._parts(values), strict=True)
-        return PointValues(tuple(part.reshape(len(rule.cells), -1) for rule, part in parts))
-
-    def of_cells(self, values: PointValues) -> Array:
-        """Return values that were given by friction and cell."""
-        everywhere: Array = np.concatenate([part.ravel() for part in values.parts])
-        return everywhere[self._acting]
-
-    def largest(self, values: Array) -> Array:
-        """Return for each value the largest absolute one of its friction; collective."""
-        mine = [float(np.abs(part).max(initial=0.0)) for part in self._parts(values)]
-        most = np.max(self._comm.allgather(mine), axis=0)
-        sizes = [rule.bound.size for rule in self._rules]
-        repeated: Array = np.repeat(most, sizes)[self._acting]
-        return repeated
-
-    def one_by_one(self) -> list[Array]:
-        """Return for each friction an array that is one at its points, zero at the others."""
-        parts = self._parts(np.ones_like(self.bound))
-        return [
-            np.concatenate([p * float(i == k) for k, p in enumerate(parts)])[self._acting]
-            for i in range(len(parts))
-        ]
-
-    def _all(self, of: Callable[[_PointRule], Array]) -> Array:
-        return np.concatenate([of(rule) for rule in self._rules])[self._acting]
-
-    def _parts(self, values: Array) -> list[Array]:
-        everywhere = np.zeros(self._acting.size)
-        everywhere[self._acting] = values
-        return np.split(everywhere, self._ends)
-
-    def _put(self, values: Array, where: Callable[[PointFriction], Any]) -> None:
-        for rule, part in zip(self._rules, self._parts(values), strict=True):
-            rule.put(where(rule.friction), part)
 
 
 #: Largest length of a step over that at which a bound is reached; exponent of the centring.
@@ -174,6 +40,10 @@ NOTHING = 1e-6
 #: or where that is small over the energy of the sheet.
 OF_LOSS, OF_ENERGY = 10.0, 0.1
 HUGE = 1e30
+#: Stiffness of a point that sticks, over that of the sheet, where the law is linearised.
+STUCK = 1e7
+#: Least distance of a stress from its bound there, over the bound.
+INSIDE = 1e-12
 
 
 class PointStress:
@@ -274,6 +144,12 @@ class PointStress:
             for form in self._forms:
                 fem_petsc.assemble_vector(b, form)
 
+    def add_force_of(self, stresses: Array, b: Any) -> None:
+        """Add the force (N) of other stresses to a vector, ghosts not yet summed."""
+        self._points.put_stress(stresses)
+        self.add_force(b)
+        self._points.put_stress(self._stress)
+
     def correct(self, linear: LinearSolver, y: Any) -> float:
         """Complete Newton's step; collective.
 
@@ -328,6 +204,42 @@ class PointStress:
             return not self._sum(float(active))
         gap, loss = self._sum(self._interior.gap()), self._sum(self._interior.loss())
         return gap <= OF_LOSS * tolerance * loss or gap <= OF_ENERGY * tolerance * energy()
+
+    @property
+    def points(self) -> FrictionPoints:
+        """The points."""
+        return self._points
+
+    def linearise(self) -> tuple[Array, Array]:
+        """Linearise the law at the solution, and give the forms the tangent.
+
+        Points that stick are as good as rigid. Where a point is about to slide or to stick, the
+        law has a kink, and this is one of its slopes or between them.
+
+        Returns:
+            d tau/d b, and d b/d zeta at fixed stress, at each point.
+        """
+        none = np.zeros_like(self._accepted)
+        if self._idle:
+            tangent, by_bound = none, none
+        else:
+            assert self._stiffness is not None
+            most = STUCK * self._stiffness
+            tangent, by_bound = most, none
+            if self._started:
+                _, slope = self._points.creep()
+                tangent = self._interior.tangent(slope, most)
+                by_bound = -self._interior.bound_slope()
+        self._points.put_tangent(tangent)
+        return tangent, by_bound
+
+    @contextmanager
+    def off_bounds(self) -> Iterator[None]:
+        """Give the forms stresses that are not at their bounds even by round-off."""
+        most = (1 - INSIDE) * self._points.bound
+        self._points.put_stress(np.clip(self._stress, -most, most))
+        yield
+        self._points.put_stress(self._stress)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

@@ -14,6 +14,7 @@ from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
     from wovenfab.solver.diagnosis import Diagnosis
+    from wovenfab.stepping.sensitivity import Derivatives
     from wovenfab.stepping.time_error import StepError
 
 
@@ -38,6 +39,7 @@ class Step:
         loss: The loss of stability since the last step, beyond which it lies, or None.
         error: Its estimated error in time, where that is measured.
         dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
+        derivatives: By material parameters, where they are asked for.
     """
 
     number: int
@@ -55,6 +57,7 @@ class Step:
     loss: StabilityLoss | None = None
     error: StepError | None = None
     dissipated_error: float = 0.0
+    derivatives: Derivatives | None = None
     force: float = 0.0
     force_transverse: float = 0.0
     force_error: float = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,8 @@ from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
 if TYPE_CHECKING:
+    from forms.sensitivity import Target
+    from wovenfab.stepping.sensitivity import TangentLinear
     from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 
 logger = logging.getLogger(__name__)
@@ -67,6 +69,7 @@ class TimeStepper:
         self._stability = Stability(solver, treatment)
         self._state = State(solver, program, scheme, predict)
         self._balance = EnergyBalance(solver, scheme)
+        self._tangent_linear: TangentLinear | None = None
         self._cutbacks = 0
         self._jump = False  # whether the velocity jumps where the next step begins
         self.begun = False
@@ -111,6 +114,25 @@ class TimeStepper:
         """
         self._problem.constraints.origin[:] = state
         self._state.states = [state.copy() for _ in self._state.states]
+
+    def differentiate(
+        self, targets: Sequence[Target], edge: str, direction: tuple[float, float], **more: bool
+    ) -> None:
+        """Give each step its derivatives by parameters, from the start on; collective.
+
+        Args:
+            targets: The parameters.
+            edge: Edge whose force is differentiated.
+            direction: Direction of that force, a unit vector.
+            more: Of :class:`~wovenfab.stepping.sensitivity.TangentLinear`.
+
+        Raises:
+            TargetError: If the scene has no such parameter.
+        """
+        from wovenfab.stepping.sensitivity import TangentLinear
+
+        virtual = self._problem.constraints.virtual_displacement(edge, direction)
+        self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, virtual, **more)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
@@ -166,6 +188,8 @@ class TimeStepper:
         self._state.begin()
         if result is not None:
             self._balance.begin()
+        if self._tangent_linear:
+            self._tangent_linear.begin(result is None)
         step, self.begun, self._cutbacks = self._record(result, first), True, 0
         return step
 
@@ -196,7 +220,11 @@ class TimeStepper:
                     self._cutbacks += 1
                     state.restore()
                     continue
+                if self._tangent_linear:
+                    self._tangent_linear.solve(length, jump)
                 self._balance.add(state, until, jump, error)
+                if self._tangent_linear:
+                    self._tangent_linear.finish()
                 state.accept(until, jump)
                 if self._time_error is None:
                     step_size.accepted(length, result.tangents)
@@ -297,5 +325,6 @@ class TimeStepper:
             tangents=result.tangents if result else 0,
             loss=loss,
             error=balance.error,
+            derivatives=self._tangent_linear.derivatives if self._tangent_linear else None,
             dissipated_error=balance.dissipated_error,
         )

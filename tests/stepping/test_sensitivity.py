@@ -1,0 +1,234 @@
+"""Derivatives of runs by parameters, against differences of whole runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from runpy import run_path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from forms import effects
+from forms.effect import Effect, Term
+from forms.sensitivity import Target
+from tests import scenes
+from wovenfab.case import read_case
+from wovenfab.model.constraints import EdgeLoad, Grip
+from wovenfab.model.model import Model, build_model
+from wovenfab.model.sensitivity import TargetError
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.solver.problem import SolverOptions
+from wovenfab.stepping.program import cycle, program_of
+from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.time_stepper import TimeStepper
+
+ROOT = Path(__file__).parents[2]
+PRECISE = SolverOptions(tolerance=1e-12)
+VALUES = {
+    **scenes.TABLE_1,
+    "coupling": {"stiffness": 6.0e6},
+    "power_shear": {"stiffness": 300.0, "power": 2.5},
+    "viscous_slip": {"viscosity": 2e5},
+}
+#: Changes of parameters whose remainders are compared, and remainders that are round-off.
+SHARES, ROUND_OFF = (2e-2, 1e-2), 5e-6
+LOOP = program_of(cycle(0.0, 0.03, 0.3, 8))
+
+
+def curves(
+    of: Model,
+    targets: Sequence[Target] = (),
+    scheme: str = "bdf2",
+    grips: Sequence[Grip] = scenes.PULL,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return force and dissipated energy of each step, or their derivatives by the targets."""
+    of.field.x.array[:] = 0
+    equilibrium = scenes.solver(of, grips, PRECISE)
+    stepper = TimeStepper(equilibrium, LOOP, SCHEMES[scheme], 1 / 64)
+    if targets:
+        stepper.differentiate(targets, "right", (1.0, 0.0))
+    steps = list(stepper.steps())
+    equilibrium.destroy()
+    if targets:
+        rows = [step.derivatives for step in steps]
+        assert all(rows)
+        return np.array([r.force for r in rows]), np.array([r.dissipated for r in rows])
+    lost = [sum(step.dissipated.values()) for step in steps]
+    return np.array([step.reactions["right"][0] for step in steps]), np.array(lost)
+
+
+def term_of(of: Model, target: Target) -> Term:
+    terms = (*of.balance.terms, *(f.term for f in of.point_frictions))
+    return next(t for t in terms if t.effect.name == target.effect)
+
+
+@contextmanager
+def changed(of: Model, target: Target, share: float) -> Iterator[float]:
+    """Change a parameter by a share of its value; yield the change."""
+    value = term_of(of, target).values[target.parameter]
+    constants = [value[f] for f in target.families] if isinstance(value, tuple) else [value]
+    before = float(constants[0].value)
+    for constant in constants:
+        constant.value = before * (1 + share)
+    yield before * share
+    for constant in constants:
+        constant.value = before
+
+
+def remainders(
+    of: Model, target: Target, share: float, **how: Any
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what is left of force and loss after their first-order change, relative to that."""
+    base, slopes = curves(of, **how), curves(of, [target], **how)
+    rest = []
+    with changed(of, target, share) as change:
+        for now, before, slope in zip(curves(of, **how), base, slopes, strict=True):
+            first = change * slope[:, 0]
+            rest.append(np.abs(now - before - first).max() / (np.abs(first).max() or 1.0))
+    return rest[0], rest[1]
+
+
+def scene(names: Sequence[str], values: Any = VALUES, **more: Any) -> Model:
+    on = scenes.sheet(0.6, 0.3, 0.15)
+    return scenes.model(on, names, scenes.PROTOTYPE_TWO_STEPS, values, **more)
+
+
+def falls_by_half(large: float, small: float) -> bool:
+    """Return whether remainders over the first-order change are as of second order."""
+    return large < ROUND_OFF or (small < 0.02 and 1.85 < large / small < 2.15)
+
+
+def parameters() -> list[tuple[str, str]]:
+    """Return each parameter of each effect with its first law, which is smooth."""
+    return [(name, p.name) for name, effect in effects().items() for p in effect.parameters]
+
+
+def names_with(effect: Effect) -> tuple[str, ...]:
+    base = scenes.COUPLED if effect.needs.placements == 2 else scenes.BONDED
+    if "shearing" in effect.resists and not effect.dissipative:
+        base = tuple(n for n in base if n != "shear")
+    return (*base, effect.name) if effect.name not in base else base
+
+
+@pytest.mark.parametrize(("name", "parameter"), parameters())
+def test_what_the_derivative_leaves_falls_with_the_square_of_the_change(
+    name: str, parameter: str
+) -> None:
+    of, target = scene(names_with(effects()[name])), Target(name, parameter)
+    large, small = (remainders(of, target, share) for share in SHARES)
+    for a, b in zip(large, small, strict=True):
+        assert falls_by_half(a, b)
+
+
+def test_the_same_holds_for_an_effect_of_the_user() -> None:
+    own = run_path(str(ROOT / "docs" / "examples" / "my_effect.py"))["EFFECT"]
+    chosen = [scenes.effect("stretch"), scenes.effect("bending"), own]
+    on = scenes.sheet(0.6, 0.3, 0.15)
+    of = build_model(on, chosen, {**VALUES, "my_effect": {"stiffness": 400.0}}, scenes.PROTOTYPE)
+    target = Target("my_effect", "stiffness")
+    (large, _), (small, _) = (remainders(of, target, share) for share in SHARES)
+    assert falls_by_half(large, small)
+
+
+@pytest.mark.parametrize("scheme", list(SCHEMES))
+@pytest.mark.parametrize(
+    "target",
+    [
+        Target("bending", "stiffness", (1,)),
+        Target("shear", "stiffness"),
+        Target("slip_friction", "slope"),
+        Target("spin_friction", "strength"),
+    ],
+    ids=str,
+)
+def test_derivatives_are_those_of_the_scheme(scheme: str, target: Target) -> None:
+    names = (*scenes.COUPLED, "slip_friction", "spin_friction")
+    memory = SCHEMES[scheme].memory
+    numerics = replace(scenes.PROTOTYPE, history=memory)
+    of = scenes.model(scenes.sheet(0.6, 0.3, 0.15), names, numerics, VALUES)
+    force, lost = differences(of, target, scheme=scheme)
+    assert force < 1e-5 and lost < 1e-5
+
+
+def differences(of: Model, target: Target, share: float = 1e-4, **how: Any) -> tuple[float, float]:
+    """Return the distances from central differences of force and loss, over their size."""
+    slopes, sides = curves(of, [target], **how), []
+    for side in (share, -share):
+        with changed(of, target, side) as change:
+            sides.append(curves(of, **how))
+    result = []
+    for slope, up, down in zip(slopes, *sides, strict=True):
+        difference = (up - down) / (2 * abs(change))
+        size = np.abs(difference).max() or 1.0
+        result.append(float(np.abs(slope[:, 0] - difference).max() / size))
+    return result[0], result[1]
+
+
+@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+@pytest.mark.parametrize(
+    "target",
+    [
+        Target("slip_friction", "strength"),
+        Target("coupling", "stiffness"),
+        Target("bending", "stiffness"),
+    ],
+    ids=str,
+)
+def test_derivatives_with_stress_at_points_agree_with_differences(
+    scheme: str, target: Target
+) -> None:
+    # Steps at which points begin to slide have kinks, so that differences are less exact.
+    of = scene((*scenes.COUPLED, "slip_friction:coulomb"))
+    force, lost = differences(of, target, share=1e-5, scheme=scheme)
+    assert force < 1e-3 and lost < 1e-3
+
+
+@pytest.mark.parametrize("parameter", ["strength", "slope"])
+def test_smooth_friction_that_needs_its_stress_at_points_has_derivatives(parameter: str) -> None:
+    sharp = {**VALUES, "slip_friction": {"strength": 199.2e3, "slope": 1e5}}
+    of = scene((*scenes.COUPLED, "slip_friction"), sharp)
+    force, lost = differences(of, Target("slip_friction", parameter))
+    assert force < 1e-3 and lost < 1e-3
+
+
+def test_dead_loads_and_held_directions_are_part_of_it() -> None:
+    load = EdgeLoad("top", (0, 1), (0.0, 30.0))
+    of = scene((*scenes.COUPLED, "slip_friction"), loads=[load], rotation_edges=["left", "right"])
+    for target in (Target("bending", "stiffness"), Target("shear", "stiffness")):
+        force, lost = differences(of, target)
+        assert force < 1e-5 and lost < 1e-5
+
+
+def test_a_run_is_the_same_with_derivatives() -> None:
+    of = scene((*scenes.COUPLED, "slip_friction"))
+    plain = curves(of)[0]
+    stepped = scenes.run(of, LOOP, PRECISE, scheme="bdf2").steps
+    np.testing.assert_array_equal(plain, [s.reactions["right"][0] for s in stepped])
+
+
+def test_a_parameter_that_the_scene_lacks_is_refused_by_name() -> None:
+    of = scene(scenes.BONDED)
+    with pytest.raises(TargetError, match=r"slip_friction\.slope is no parameter of this scene"):
+        curves(of, [Target("slip_friction", "slope")])
+
+
+@pytest.mark.mpi
+def test_ranks_share_the_derivatives_of_a_case_whose_placements_jump() -> None:
+    from mpi4py import MPI
+
+    settings = {"program.amplitudes": "[40 mm]", "time.steps_per_cycle": "8"}
+    case = read_case(ROOT / "configs" / "bias-1x3.yaml", settings)
+    targets = [Target("bending", "stiffness"), Target("slip_friction", "slope")]
+    rows = []
+    for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
+        with Simulation(case, sheet_of(case, comm)) as simulation:
+            simulation.differentiate(targets)
+            rows.append([step.derivatives.force for step in simulation.steps()])
+    both, alone = (np.array(r) for r in rows)
+    assert np.abs(both - alone).max(axis=0) == pytest.approx(0.0, abs=1e-6 * np.abs(alone).max())
