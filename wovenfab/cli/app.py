@@ -194,6 +194,22 @@ def check(
 
 
 @app.command()
+def fit(
+    file: Annotated[Path, typer.Argument(help="The fit file (YAML).", show_default=False)],
+    output: Output = None,
+    jobs: Jobs = None,
+) -> None:
+    """Find material parameters from measured curves: values, intervals, a page, the fitted case.
+
+    A fit file names tests (a case and a measured file each) and the parameters to find; try
+    configs/lab/glass-plain-fit.yaml.
+    """
+    from wovenfab.cli.fit import fit_parameters
+
+    sys.exit(fit_parameters(file, output, jobs or os.cpu_count() or 1))
+
+
+@app.command()
 def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) -> None:
     """Measure what each effect costs and changes: the case whole, without each, each alone.
 

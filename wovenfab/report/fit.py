@@ -1,0 +1,203 @@
+"""Picture and page of a fit: measured and computed curves, and what is known of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from wovenfab.record.results import this_process
+from wovenfab.report.page_blocks import Block, Section, Table, Text, section, vector, write_page
+from wovenfab.report.style import (
+    APART,
+    INK,
+    QUIET,
+    WIDTH,
+    both_ways,
+    house_style,
+    quantity,
+    readable,
+    save,
+    zero_line,
+)
+from wovenfab.study.fit.fit_file import Fit
+from wovenfab.study.fit.knowledge import Interval, Knowledge, in_words
+from wovenfab.study.fit.search import Evaluation, Found
+
+PAGE, PICTURE = "fit.html", "fit.png"
+
+
+def draw_fit(fit: Fit, found: Found, known: Knowledge, path: Path) -> Path:
+    """Draw curves, distances, intervals and trials into one picture; return its path."""
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 0.8 * WIDTH))
+        (upper, right), (lower, last) = figure.subplots(
+            2, 2, height_ratios=(2, 1), width_ratios=(3, 2)
+        )
+        draw_curves(upper, fit, found.evaluation)
+        draw_distances(lower, fit, found.evaluation)
+        draw_intervals(right, known.intervals)
+        draw_trials(last, found)
+        return save(figure, path)
+
+
+def write_fit_page(
+    fit: Fit, found: Found, known: Knowledge, notes: Sequence[str], path: Path
+) -> Path:
+    """Write the page of a fit; return its path."""
+    figures = [(i.name, _shown(i.value, i.unit)) for i in known.intervals]
+    return write_page(
+        path, fit.title or fit.name, notes, figures, _sections(fit, found, known), this_process()
+    )
+
+
+def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
+    def curves() -> list[Block]:
+        figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        draw_curves(upper, fit, found.evaluation)
+        draw_distances(lower, fit, found.evaluation)
+        upper.set_xlabel("")
+        return [vector(figure, "curves", "Measured (points) and computed force (lines)")]
+
+    def parameters() -> list[Block]:
+        figure = Figure(figsize=(0.7 * WIDTH, 0.6 + 0.35 * len(known.intervals)))
+        draw_intervals(figure.subplots(), known.intervals)
+        texts = [Text(line) for line in in_words(known, fit)]
+        return [interval_table(known), vector(figure, "intervals", "Intervals of 95 %"), *texts]
+
+    def correlations() -> list[Block]:
+        figure = Figure(figsize=(0.6 * WIDTH, 0.5 * WIDTH))
+        draw_correlations(figure.subplots(), known)
+        return [vector(figure, "correlations", "Correlations"), singular_table(fit, known)]
+
+    def trials() -> list[Block]:
+        figure = Figure(figsize=(0.7 * WIDTH, 0.35 * WIDTH))
+        draw_trials(figure.subplots(), found)
+        return [vector(figure, "trials", "Misfit of each trial"), trial_table(fit, found)]
+
+    return [
+        section("Curves", curves),
+        section("Parameters", parameters),
+        section("What is known together", correlations),
+        section("Search", trials),
+    ]
+
+
+def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
+    """Draw measured forces as points and computed ones as lines, against the displacement."""
+    largest = max(float(np.abs(test.measured.force).max()) for test in fit.tests)
+    unit = readable("N", largest)
+    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    for i, (test, compared) in enumerate(pairs):
+        colour = APART[i % len(APART)]
+        measured = test.measured
+        axes.plot(
+            1e3 * measured.displacement, unit.factor * measured.force, "o", color=QUIET,
+            markersize=3, markerfacecolor="none",
+        )  # fmt: skip
+        axes.plot(
+            1e3 * measured.displacement[compared.rows], unit.factor * compared.force,
+            color=colour, label=test.measured.file.stem,
+        )  # fmt: skip
+    axes.set_xlabel("displacement (mm)")
+    axes.set_ylabel(f"force ({unit.name})")
+    axes.legend(fontsize=7)
+
+
+def draw_distances(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
+    """Draw computed less measured forces over the largest measured one."""
+    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    for i, (test, compared) in enumerate(pairs):
+        share = 100 * (compared.force - compared.measured) / np.abs(compared.measured).max()
+        x = 1e3 * test.measured.displacement[compared.rows]
+        axes.plot(x, share, ".-", color=APART[i % len(APART)], linewidth=0.8, markersize=3)
+    zero_line(axes)
+    axes.set_xlabel("displacement (mm)")
+    axes.set_ylabel("distance (%)")
+
+
+def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
+    """Draw each interval over its value, those that the curves do not determine in grey."""
+    for row, i in enumerate(intervals):
+        size = abs(i.value) or 1.0
+        low, high = (float(np.clip(end / size, 1e-2, 1e2)) for end in (i.low, i.high))
+        colour = INK if i.determined else QUIET
+        axes.plot([low, high], [row, row], color=colour, linewidth=2)
+        axes.plot([i.value / size], [row], "o", color=colour, markersize=5)
+    if all(i.low > 0 for i in intervals):
+        axes.set_xscale("log")
+    axes.set_yticks(range(len(intervals)), [i.name for i in intervals])
+    axes.invert_yaxis()
+    axes.margins(y=0.2)
+    axes.set_xlabel("interval of 95 % over the value")
+
+
+def draw_correlations(axes: Axes, known: Knowledge) -> None:
+    """Draw the correlations as a chart of colours with their numbers."""
+    names = [i.name for i in known.intervals]
+    image = axes.imshow(known.correlations, cmap=both_ways(), vmin=-1, vmax=1)
+    axes.set_xticks(range(len(names)), names, rotation=30, ha="right")
+    axes.set_yticks(range(len(names)), names)
+    axes.grid(visible=False)
+    for (row, column), value in np.ndenumerate(known.correlations.astype(object)):
+        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8)
+
+
+def draw_trials(axes: Axes, found: Found) -> None:
+    """Draw the misfit of each trial, coarse ones in grey."""
+    for coarse, colour in ((True, QUIET), (False, INK)):
+        chosen = [t for t in found.trials if t.coarse == coarse and not t.failure]
+        axes.plot(
+            [t.number for t in chosen], [100 * t.misfit for t in chosen], "o-", color=colour,
+            markersize=4, label="coarse" if coarse else "as the cases say",
+        )  # fmt: skip
+    axes.set_yscale("log")
+    axes.set_xlabel("trial")
+    axes.set_ylabel("misfit (%)")
+    axes.legend(fontsize=7)
+
+
+def interval_table(known: Knowledge) -> Table:
+    """Return the table of parameters with their intervals."""
+    rows = [
+        [i.name, _shown(i.value, i.unit), _shown(i.low, i.unit), _shown(i.high, i.unit),
+         "yes" if i.determined else "no"]
+        for i in known.intervals
+    ]  # fmt: skip
+    return Table("Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows)
+
+
+def singular_table(fit: Fit, known: Knowledge) -> Table:
+    """Return the table of singular values with the combination of parameters of each."""
+    rows = [
+        [f"{s:.3g}", *(f"{part:+.2f}" for part in np.ravel(direction))]
+        for s, direction in zip(known.singular_values, known.directions, strict=True)
+    ]
+    head = ["singular value", *(u.name for u in fit.unknowns)]
+    return Table("Combinations of parameters, the best known first", head, rows)
+
+
+def trial_table(fit: Fit, found: Found) -> Table:
+    """Return the table of trials."""
+    rows = [
+        [f"{t.number}", "coarse" if t.coarse else "full",
+         *(f"{t.values[u.name]:.4g}" for u in fit.unknowns),
+         t.failure or f"{100 * t.misfit:.3g}", f"{t.seconds:.1f}"]
+        for t in found.trials
+    ]  # fmt: skip
+    head = ["", "runs", *(f"{u.name} ({u.unit})" for u in fit.unknowns), "misfit (%)", "time (s)"]
+    return Table("Trials", head, rows)
+
+
+def _shown(value: float, unit: str) -> str:
+    if not np.isfinite(value) or abs(value) > 1e30:
+        return "unlimited"
+    try:
+        return quantity(value, unit)
+    except (KeyError, ValueError):
+        return f"{value:.4g} {unit}"

@@ -1,0 +1,359 @@
+"""Fit files: measured tests, the parameters to find, and how well they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from math import inf, isfinite
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
+
+from forms.effect import Parameter
+from forms.sensitivity import Target
+from wovenfab.case import Case, CaseError, Document, Section, read_case, units
+from wovenfab.case.document import existing_file, folder_of, read_document
+from wovenfab.case.errors import Problem, describe, near_miss, problems_in, wrong
+from wovenfab.case.quantities import Length
+from wovenfab.study.fit.measured import Measured, read_measured
+
+#: Parameters of the testing machine, with their units: a spring in series with the sample, and
+#: displacement and force of the machine where the sample has none.
+MACHINE = {"compliance": "m/N", "displacement": "m", "force": "N"}
+
+
+def _file(suffixes: tuple[str, ...], value: Any, info: ValidationInfo) -> Path:
+    return existing_file(value, folder_of(info), suffixes)
+
+
+def _text_file(*suffixes: str) -> Any:
+    schema = BeforeValidator(partial(_file, suffixes), json_schema_input_type=str)
+    return Annotated[Path, schema, PlainSerializer(str)]
+
+
+def _share_or_force(value: Any) -> tuple[float, bool]:
+    """Return an error and whether it is a share of the largest force."""
+    if isinstance(value, str):
+        for unit, share in (("", True), ("N", False)):
+            try:
+                number = units.parse(value, unit)
+            except ValueError:
+                continue
+            if number > 0:
+                return number, share
+    raise wrong(f"expected an error such as 1 % or 0.1 N, got {describe(value)}")
+
+
+class Columns(Section):
+    """Columns of a measured file, where its header does not tell."""
+
+    displacement: str | int | None = Field(default=None, examples=["Weg"])
+    """Name or number (from 1)."""
+
+    force: str | int | None = Field(default=None, examples=["Kraft"])
+    """Name or number (from 1)."""
+
+    time: str | int | None = Field(default=None, examples=["Zeit"])
+    """Name or number (from 1)."""
+
+
+class Units(Section):
+    """Units of the columns, where the header does not tell."""
+
+    displacement: str | None = Field(default=None, examples=["mm"])
+    """A length."""
+
+    force: str | None = Field(default=None, examples=["N"])
+    """A force."""
+
+    time: str | None = Field(default=None, examples=["s"])
+    """A time."""
+
+
+class Test(Section):
+    """A test: the case that describes it, and what was measured."""
+
+    case: _text_file(".yaml", ".yml") = Field(examples=["sample.yaml"])  # type: ignore[valid-type]
+    """The case file."""
+
+    set: Mapping[str, Any] = Field(default={}, examples=[{"sheet.length": "230 mm"}])
+    """Values that replace those of the case, by dotted key."""
+
+    measured: _text_file(".csv", ".tsv", ".txt", ".dat") = Field(  # type: ignore[valid-type]
+        examples=["sample.csv"]
+    )
+    """The measured file."""
+
+    columns: Columns = Columns()
+    """Its columns."""
+
+    units: Units = Units()
+    """Their units."""
+
+    error: Annotated[
+        tuple[float, bool],
+        BeforeValidator(_share_or_force, json_schema_input_type=str),
+        PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
+    ] = Field(default=(0.01, True), examples=["1 %"])
+    """Standard error of a measured force, in N or of the largest force."""
+
+    weight: float = Field(default=1.0, gt=0.0, examples=[2.0])
+    """Weight of the test beside others."""
+
+    toe: Length = 0.0
+    """Measured points of a smaller displacement (slack, the toe of the curve) are left out."""
+
+
+class Sought(Section):
+    """A parameter to find."""
+
+    start: float | str | None = Field(default=None, examples=["400 N/m"])
+    """Where the search starts; from the case and the size of the forces unless given."""
+
+    bounds: tuple[float | str, float | str] | None = Field(
+        default=None, examples=[["1 N/m", "1 kN/m"]]
+    )
+    """Smallest and largest value; a thousandth and a thousand times the start unless given."""
+
+    scale: Literal["log", "linear"] | None = None
+    """Steps by factors or by differences; by factors where all values are positive."""
+
+
+class FitFile(Section):
+    """A fit."""
+
+    title: str = ""
+    """One line for people."""
+
+    tests: tuple[Test, ...] = Field(min_length=1)
+    """The tests."""
+
+    parameters: Mapping[str, Sought | None] = Field(
+        min_length=1, examples=[{"shear.stiffness": {"start": "4 N/m"}}]
+    )
+    """What is sought: effect.parameter, effect.parameter[1] of one family, or one of the machine:
+    machine.compliance, machine.displacement, machine.force."""
+
+    profile: tuple[str, ...] = ()
+    """Parameters whose profile likelihood is computed."""
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A parameter with its bounds, in SI units.
+
+    Attributes:
+        name: As in the fit file.
+        unit: SI unit.
+        target: The material parameter; None for one of the machine.
+        start: Where the search starts.
+        scaled: Whether all strength and stiffness are multiplied for a start.
+        bounds: Smallest and largest value.
+        by_factors: Whether the search steps by factors.
+    """
+
+    name: str
+    unit: str
+    target: Target | None
+    start: float
+    scaled: bool
+    bounds: tuple[float, float]
+    by_factors: bool
+
+
+@dataclass(frozen=True)
+class MeasuredTest:
+    """A test as it is fitted.
+
+    Attributes:
+        case: Its case.
+        measured: Its curve.
+        error: Standard error of a force, N.
+        weight: Its weight.
+        toe: Displacement (m) below which points are left out.
+    """
+
+    case: Case
+    measured: Measured
+    error: float
+    weight: float
+    toe: float
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A fit that can be made.
+
+    Attributes:
+        title: One line for people.
+        name: Name of the file without its suffix.
+        tests: The tests.
+        unknowns: The parameters.
+        profile: Names of those with a profile likelihood.
+    """
+
+    title: str
+    name: str
+    tests: tuple[MeasuredTest, ...]
+    unknowns: tuple[Unknown, ...]
+    profile: tuple[str, ...]
+
+
+def read_fit(path: Path) -> Fit:
+    """Return what a fit file asks for.
+
+    Raises:
+        CaseError: With everything that is wrong in it, in its cases or measured files.
+    """
+    document = read_document(path)
+    try:
+        given = FitFile.model_validate(document.data, context={"folder": path.parent})
+    except ValidationError as error:
+        raise CaseError(problems_in(error, document, FitFile.model_json_schema())) from error
+    tests = tuple(_test(test) for test in given.tests)
+    problems: list[Problem] = []
+    unknowns = []
+    for name, sought in given.parameters.items():
+        try:
+            unknowns.append(_unknown(name, sought or Sought(), tests[0].case))
+        except ValueError as error:
+            message, _, remedy = str(error).partition("|")
+            problems.append(document.problem(("parameters", name), message, remedy))
+    for name in given.profile:
+        if name not in given.parameters:
+            remedy = near_miss(name, given.parameters)
+            problems.append(document.problem(("profile",), f"{name!r} is not sought", remedy))
+    problems += _untold(document, unknowns, tests)
+    if problems:
+        raise CaseError(problems)
+    return Fit(given.title, path.stem, tests, tuple(unknowns), given.profile)
+
+
+def _test(test: Test) -> MeasuredTest:
+    case = read_case(test.case, dict(test.set))
+    measured = read_measured(
+        test.measured,
+        test.columns.model_dump(exclude_none=True),
+        test.units.model_dump(exclude_none=True),
+    )
+    number, share = test.error
+    error = number * float(abs(measured.force).max()) if share else number
+    return MeasuredTest(case, measured, error, test.weight, test.toe)
+
+
+def _untold(
+    document: Document, unknowns: list[Unknown], tests: tuple[MeasuredTest, ...]
+) -> list[Problem]:
+    """Return what is asked of cases that lack the effect."""
+    problems = []
+    for unknown in unknowns:
+        target = unknown.target
+        for number, test in enumerate(tests):
+            if target is not None and target.effect not in test.case.effects:
+                message = f"the case of tests.{number} has no effect {target.effect!r}"
+                problems.append(document.problem(("parameters", unknown.name), message))
+    return problems
+
+
+def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
+    """Return a parameter with its bounds.
+
+    Raises:
+        ValueError: With message and remedy, between them a bar.
+    """
+    effect, _, rest = name.partition(".")
+    if effect == "machine":
+        if rest not in MACHINE:
+            raise ValueError(f"the machine has no {rest!r}|It has {', '.join(MACHINE)}.")
+        unit, target, value, least = MACHINE[rest], None, 0.0, -inf
+        if rest == "compliance":
+            least = 0.0
+    else:
+        target = _target(effect, rest, case)
+        parameter = _parameter(target, case)
+        unit, value = parameter.unit, _value(target, case)
+        least = 0.0 if parameter.above is None else parameter.above
+    start = _si(sought.start, unit) if sought.start is not None else value
+    if sought.bounds is not None:
+        low, high = (_si(b, unit) for b in sought.bounds)
+    elif target is None:
+        raise ValueError(
+            "a parameter of the machine needs bounds|For example 'bounds: [0 mm, 2 mm]'."
+        )
+    else:
+        low, high = max(least, start * 1e-3), start * 1e3
+    if not low < high or low < least:
+        raise ValueError(f"the bounds must increase from {least:g} on, got {low:g} and {high:g}")
+    if not low <= start <= high:
+        raise ValueError(f"the start {start:g} {unit} is outside of the bounds")
+    by_factors = sought.scale == "log" or (sought.scale is None and low > 0)
+    if by_factors and low <= 0:
+        raise ValueError("a search by factors needs positive bounds|Take 'scale: linear'.")
+    return Unknown(name, unit, target, start, sought.start is None, (low, high), by_factors)
+
+
+def _target(effect: str, rest: str, case: Case) -> Target:
+    parameter, bracket, family = rest.partition("[")
+    if effect not in case.effects:
+        known = f"The effects are {', '.join(case.effects)}."
+        raise ValueError(
+            f"the case has no effect {effect!r}|{near_miss(effect, case.effects) or known}"
+        )
+    if parameter not in case.effects[effect]:
+        known = ", ".join(case.effects[effect])
+        raise ValueError(f"{effect} has no parameter {parameter!r}|It has {known}.")
+    if not bracket:
+        return Target(effect, parameter)
+    if family not in ("1]", "2]"):
+        raise ValueError("the families are [1] and [2]")
+    return Target(effect, parameter, (int(family[0]) - 1,))
+
+
+def _parameter(target: Target, case: Case) -> Parameter:
+    term = next(e for e in case.scene if e.name == target.effect)
+    return next(p for p in term.effect.parameters if p.name == target.parameter)
+
+
+def _value(target: Target, case: Case) -> float:
+    value = case.effects[target.effect][target.parameter]
+    if isinstance(value, tuple):
+        value = value[target.families[0]]
+    elif len(target.families) == 1:
+        raise ValueError("both families have the same value|Give the case a pair of values.")
+    if not isinstance(value, float | int):
+        raise ValueError("the case gives this parameter by a formula|Give it a number to find.")
+    return float(value)
+
+
+def _si(value: float | str, unit: str) -> float:
+    if isinstance(value, int | float):
+        if not isfinite(value):
+            raise ValueError(f"expected {units.kind(unit)}, got {value}")
+        return float(value)
+    try:
+        return units.parse(value, unit)
+    except ValueError as error:
+        raise ValueError(f"expected {units.kind(unit)}, got {error}") from error
+
+
+def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, float]) -> Case:
+    """Return a case with other values of its material parameters.
+
+    Args:
+        case: The case.
+        unknowns: The parameters.
+        values: By their names, in SI units.
+    """
+    for unknown in unknowns:
+        if (target := unknown.target) is None:
+            continue
+        new: Any = units.write(values[unknown.name], unknown.unit)
+        old = case.effects[target.effect][target.parameter]
+        if isinstance(old, tuple) and len(target.families) == 1:
+            both: list[Any] = list(old)
+            both[target.families[0]] = new
+            new = both
+        case = case.changed({f"effects.{target.effect}.{target.parameter}": new})
+    return case

@@ -1,0 +1,225 @@
+"""What measured curves tell of parameters: intervals, correlations, and what stays unknown.
+
+Everything follows from the residuals r (distances over the error of a force) at the solution and
+their derivatives J by the scaled parameters q, which are logarithms where the search steps by
+factors. The covariance of q is s^2 (J^T J)^-1 with s^2 = r^T r/(n - p), or 1 if that is less (Seber
+and Wild, Nonlinear Regression, 1989, doi:10.1002/0471725315).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
+from wovenfab.study.fit.response import Comparison
+
+Array = NDArray[np.float64]
+#: Probability of intervals.
+LEVEL = 0.95
+#: Ratio of an interval's ends to its middle above which a parameter is not determined.
+UNKNOWN = 3.0
+#: Singular values below this share of the largest are zero: there is no effect at all.
+LEAST = 1e-8
+#: Correlation from which two parameters are named together.
+CORRELATED = 0.95
+#: Share of the bounds' range that counts as at a bound.
+AT_BOUND = 1e-3
+#: Signs that a curve keeps too long to be noise: probability of so few runs.
+TOO_FEW_RUNS = 0.01
+
+
+@dataclass(frozen=True)
+class Interval:
+    """A parameter with its interval.
+
+    Attributes:
+        name: As in the fit file.
+        unit: SI unit.
+        value, low, high: The value and the ends of its interval; infinite, or zero of a parameter
+            that is found by factors, where nothing limits it.
+        determined: Whether the curves determine it.
+        at_bound: ``"lower"`` or ``"upper"`` where it is at that bound, else empty.
+    """
+
+    name: str
+    unit: str
+    value: float
+    low: float
+    high: float
+    determined: bool
+    at_bound: str = ""
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """How well the model follows one curve.
+
+    Attributes:
+        misfit: Root mean square of the distances over the largest measured force.
+        noise: The same of the measured curve's scatter, from its second differences.
+        runs, expected: Number of runs of the residual's sign, and that of random signs.
+        probability: Of so few runs by chance.
+    """
+
+    misfit: float
+    noise: float
+    runs: int
+    expected: float
+    probability: float
+
+    @property
+    def is_model_error(self) -> bool:
+        """Whether the distances are too regular for noise."""
+        return self.probability < TOO_FEW_RUNS
+
+
+@dataclass(frozen=True)
+class Knowledge:
+    """What is known after a fit.
+
+    Attributes:
+        intervals: Of each parameter.
+        correlations: Of the scaled parameters, shape (p, p).
+        singular_values: Of the derivatives of the residuals by the scaled parameters.
+        directions: Right singular vectors, one a row: combinations of scaled parameters.
+        scatter: s, the residuals' size over that of the stated errors.
+        fidelity: Of each test.
+    """
+
+    intervals: tuple[Interval, ...]
+    correlations: Array
+    singular_values: Array
+    directions: Array
+    scatter: float
+    fidelity: tuple[Fidelity, ...]
+
+
+def knowledge(
+    fit: Fit,
+    values: Mapping[str, float],
+    residuals: Array,
+    jacobian: Array,
+    comparisons: Sequence[Comparison],
+) -> Knowledge:
+    """Return what the curves tell.
+
+    Args:
+        fit: The fit.
+        values: Of the parameters, in SI units.
+        residuals: Distances over the error of a force, shape (n,).
+        jacobian: Their derivatives by the scaled parameters, shape (n, p).
+        comparisons: What was compared, by test.
+    """
+    n, p = jacobian.shape
+    freedom = max(n - p, 1)
+    scatter = max(float(np.sqrt(residuals @ residuals / freedom)), 1.0)
+    _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    seen = singular > LEAST * max(singular[0], 1e-300)
+    inverse = np.where(seen, 1 / np.where(seen, singular, 1.0), np.inf)
+    # A parameter with any part in an unseen direction has an infinite variance.
+    with np.errstate(invalid="ignore"):
+        parts = np.where(np.abs(directions) > LEAST, directions * inverse[:, None], 0.0)
+    deviation = scatter * np.sqrt((parts**2).sum(axis=0))
+    finite = np.where(np.isfinite(parts), parts, 0.0)
+    covariance = finite.T @ finite
+    size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    factor = float(stats.t.ppf((1 + LEVEL) / 2, freedom))
+    intervals = tuple(
+        _interval(u, values[u.name], factor * float(d))
+        for u, d in zip(fit.unknowns, deviation, strict=True)
+    )
+    return Knowledge(
+        intervals,
+        covariance / np.outer(size, size),
+        singular,
+        directions,
+        scatter,
+        tuple(_fidelity(t, c) for t, c in zip(fit.tests, comparisons, strict=True)),
+    )
+
+
+def _interval(unknown: Unknown, value: float, half: float) -> Interval:
+    low, high = unknown.bounds
+    if unknown.by_factors:
+        ends = value * np.exp(-half), value * np.exp(min(half, 700.0))
+        width, place = np.log(high / low), np.log(value / low)
+        determined = half < np.log(UNKNOWN)
+    else:
+        width, place = high - low, value - low
+        ends = value - half * width, value + half * width
+        determined = half < 0.5
+    share = place / width
+    at = "lower" if share < AT_BOUND else "upper" if share > 1 - AT_BOUND else ""
+    a, b = (float(e) for e in ends)
+    return Interval(unknown.name, unknown.unit, value, a, b, bool(determined) and not at, at)
+
+
+def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
+    distance = comparison.force - comparison.measured
+    peak = float(np.abs(comparison.measured).max())
+    second = np.diff(comparison.measured, 2)
+    noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
+    runs, expected, probability = sign_runs(distance)
+    return Fidelity(
+        float(np.sqrt(np.mean(distance**2))) / peak, noise / peak, runs, expected, probability
+    )
+
+
+def sign_runs(residuals: Array) -> tuple[int, float, float]:
+    """Return the number of runs of the sign, the expected one, and the probability of so few.
+
+    Wald and Wolfowitz, Ann. Math. Stat. 11 (1940) 147-162, doi:10.1214/aoms/1177731909, by the
+    normal approximation.
+    """
+    signs = np.sign(residuals[residuals != 0])
+    up, down = int((signs > 0).sum()), int((signs < 0).sum())
+    if not up or not down:
+        return 1, 1.0, 0.5 ** max(len(signs) - 1, 0)
+    runs = 1 + int((signs[1:] != signs[:-1]).sum())
+    n = up + down
+    expected = 1 + 2 * up * down / n
+    variance = (expected - 1) * (expected - 2) / (n - 1)
+    z = (runs + 0.5 - expected) / np.sqrt(variance) if variance > 0 else 0.0
+    return runs, expected, float(stats.norm.cdf(z))
+
+
+def in_words(known: Knowledge, fit: Fit) -> list[str]:
+    """Return sentences on what the curves tell and what they do not."""
+    lines = []
+    for i in known.intervals:
+        if i.at_bound:
+            lines.append(
+                f"{i.name} is at its {i.at_bound} bound ({i.value:.4g} {i.unit}): the curves ask "
+                "for more, or it has no effect."
+            )
+        elif not i.determined and i.high > 1e6 * i.value:
+            lines.append(f"The curves do not depend on {i.name}.")
+        elif not i.determined:
+            lines.append(
+                f"The curves do not determine {i.name}: {i.low:.3g} to {i.high:.3g} {i.unit} fit "
+                "as well. A test in which it does more work would."
+            )
+    names = [u.name for u in fit.unknowns]
+    for a in range(len(names)):
+        for b in range(a):
+            r = float(known.correlations[a, b])
+            if abs(r) > CORRELATED:
+                lines.append(
+                    f"{names[b]} and {names[a]} are determined only together (correlation "
+                    f"{r:+.2f}): one may be larger if the other is "
+                    f"{'larger' if r > 0 else 'smaller'}."
+                )
+    for test, f in zip(fit.tests, known.fidelity, strict=True):
+        if f.is_model_error:
+            lines.append(
+                f"{test.measured.file.name}: the distance is {100 * f.misfit:.2f} % of the largest "
+                f"force and keeps its sign too long for noise ({f.runs} runs, {f.expected:.0f} "
+                f"expected; scatter {100 * f.noise:.2f} %): it is an error of the model, so that "
+                "intervals are a lower bound."
+            )
+    return lines

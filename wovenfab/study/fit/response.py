@@ -1,0 +1,191 @@
+"""The curve of a test, computed, compared with the measured one, and its derivatives.
+
+A displacement of the machine is that of the sample, of a spring in series and an offset:
+X = U + c F + u_0, and its force F + f_0. Between two steps the force is a cubic polynomial of U
+that is linear in the forces of the steps, so that derivatives are interpolated in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from forms.sensitivity import Target
+from wovenfab.case import Case, CaseError
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.study.fit.fit_file import MeasuredTest, Unknown
+
+Array = NDArray[np.float64]
+#: Iterations for the displacement of the sample behind a spring.
+ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The computed force against the displacement of the sample.
+
+    Attributes:
+        displacement: m, shape (steps,).
+        force: N, shape (steps,).
+        slopes: Derivatives of the force by the material parameters, shape (steps, parameters).
+        turns: Rows at which the program reverses, first and last included.
+        seconds: Wall time.
+    """
+
+    displacement: Array
+    force: Array
+    slopes: Array
+    turns: tuple[int, ...]
+    seconds: float
+
+
+class TrialError(Exception):
+    """A trial whose run did not come to its end."""
+
+
+def computed(case: Case, targets: Sequence[Target]) -> Curve:
+    """Return the curve of a case with its derivatives.
+
+    Args:
+        case: The case.
+        targets: The material parameters by which it is differentiated.
+
+    Raises:
+        TrialError: The run did not come to its end.
+    """
+    started = perf_counter()
+    steps: list[Step] = []
+    try:
+        with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+            if targets:
+                simulation.differentiate(targets, dissipation=False)
+            steps.extend(simulation.steps())
+    except (CaseError, StepFailedError, StabilityLostError) as error:
+        raise TrialError(str(error)) from error
+    none = np.zeros(len(targets))
+    rows = [s.derivatives.force if s.derivatives else none for s in steps]
+    u = np.array([s.displacement for s in steps])
+    return Curve(
+        u, np.array([s.force for s in steps]), np.array(rows), _turns(u), perf_counter() - started
+    )
+
+
+def _turns(displacement: Array) -> tuple[int, ...]:
+    """Return where a displacement reverses, with first and last row."""
+    signs = np.sign(np.diff(displacement))
+    moving = np.flatnonzero(signs)
+    last = [i for i, j in pairwise(moving) if signs[i] != signs[j]]
+    return (0, *(int(i) + 1 for i in last), len(displacement) - 1)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A measured curve beside the computed one.
+
+    Attributes:
+        rows: Rows of the measured curve that count.
+        measured: Their forces, N.
+        force: The computed forces there, N.
+        slopes: Derivatives of these by all parameters, shape (rows, parameters).
+    """
+
+    rows: NDArray[np.intp]
+    measured: Array
+    force: Array
+    slopes: Array
+
+
+class BranchError(Exception):
+    """Measured and computed curve do not turn equally often."""
+
+
+def compared(
+    test: MeasuredTest, curve: Curve, unknowns: Sequence[Unknown], values: Mapping[str, float]
+) -> Comparison:
+    """Return what is measured beside what is computed.
+
+    Args:
+        test: The test.
+        curve: Its computed curve.
+        unknowns: The parameters.
+        values: By their names, in SI units.
+
+    Raises:
+        BranchError: The curves do not belong to each other.
+    """
+    branches = test.measured.branches()
+    if len(branches) != len(curve.turns) - 1:
+        raise BranchError(
+            f"{test.measured.file.name} has {len(branches)} branches of loading and unloading, the "
+            f"program of {test.case.name} has {len(curve.turns) - 1}"
+        )
+    machine = [
+        values.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")
+    ]
+    parts: list[Any] = []
+    for number, rows in enumerate(branches):
+        chosen = rows if number == 0 else rows[1:]
+        chosen = chosen[test.measured.displacement[chosen] >= test.toe]
+        span = slice(curve.turns[number], curve.turns[number + 1] + 1)
+        parts.append(_along(test, curve, span, chosen, unknowns, machine))
+    return Comparison(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+
+
+def _along(
+    test: MeasuredTest,
+    curve: Curve,
+    span: slice,
+    rows: NDArray[np.intp],
+    unknowns: Sequence[Unknown],
+    machine: Sequence[float],
+) -> tuple[NDArray[np.intp], Array, Array, Array]:
+    """Return rows, measured forces, computed forces and slopes of one branch."""
+    compliance, shift, weight = machine
+    u, f, by_parameters = curve.displacement[span], curve.force[span], curve.slopes[span]
+    keep = np.concatenate([[True], np.diff(u) != 0])  # a hold has no length here
+    u, f, by_parameters = u[keep], f[keep], by_parameters[keep]
+    order = np.argsort(u)
+    u, f, by_parameters = u[order], f[order], by_parameters[order]
+    force = _cubic(u, f)
+    x = test.measured.displacement[rows]
+    slack = 1e-3 * np.ptp(u)
+    inside = (x >= u[0] - slack) & (x <= u[-1] + slack)  # the same rows for all values
+    rows, x = rows[inside], x[inside]
+    at = np.clip(x - shift, u[0], u[-1])
+    for _ in range(ITERATIONS if compliance else 0):
+        step = (at + compliance * force(at) + shift - x) / (1 + compliance * force(at, 1))
+        at = np.clip(at - step, u[0], u[-1])
+        if np.abs(step).max(initial=0.0) < 1e-12 * np.ptp(u):
+            break
+    steep = force(at, 1)
+    softer = 1 + compliance * steep
+    columns, material = [], 0
+    for unknown in unknowns:
+        match unknown.name:
+            case "machine.compliance":
+                columns.append(-steep * force(at) / softer)
+            case "machine.displacement":
+                columns.append(-steep / softer)
+            case "machine.force":
+                columns.append(np.ones_like(at))
+            case _:
+                columns.append(_cubic(u, by_parameters[:, material])(at) / softer)
+                material += 1
+    slopes = np.stack(columns, axis=1) if columns else np.zeros((at.size, 0))
+    return rows, test.measured.force[rows], force(at) + weight, slopes
+
+
+def _cubic(u: Array, f: Array) -> CubicHermiteSpline:
+    """Return the cubic through points whose slopes are those of parabolas through three."""
+    return CubicHermiteSpline(u, f, np.gradient(f, u, edge_order=2 if len(u) > 2 else 1))
