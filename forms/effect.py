@@ -9,8 +9,8 @@ An effect in a scene: with its values, and with a weight that selects its share.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import ufl
@@ -219,3 +219,53 @@ class Term:
     effect: Effect
     values: Values
     weight: Any
+
+
+@dataclass(frozen=True)
+class Target:
+    """A material parameter that something is differentiated by.
+
+    Attributes:
+        effect: Name of its effect.
+        parameter: Name of the parameter.
+        families: The families whose values follow it, 0, 1 or both; it is ignored where both
+            have the same one.
+    """
+
+    effect: str
+    parameter: str
+    families: tuple[int, ...] = (0, 1)
+
+    def __str__(self) -> str:
+        """Return ``effect.parameter``, and the family if it is one of two."""
+        name = f"{self.effect}.{self.parameter}"
+        return name if len(self.families) == 2 else f"{name}[{self.families[0] + 1}]"
+
+
+def by_parameter(target: Target, terms: Sequence[Term], form: Callable[[Term], Any]) -> Any | None:
+    """Return the derivative of a form by a parameter; None if the form does not depend on it.
+
+    Args:
+        target: The parameter.
+        terms: The effects, of which one may have it.
+        form: Returns the form, or an expression, of one effect.
+    """
+    for term in terms:
+        if term.effect.name == target.effect and target.parameter in term.values:
+            return _derivative(target, term, form)
+    return None
+
+
+def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any | None:
+    value = term.values[target.parameter]
+    per_family = isinstance(value, tuple)
+    values = list(value) if per_family else [value]
+    chosen = target.families if per_family else (0,)
+    for family in chosen:
+        values[family] = ufl.variable(values[family])
+    named = {**term.values, target.parameter: tuple(values) if per_family else values[0]}
+    total = form(replace(term, values=named))
+    if total is None:
+        return None
+    parts = [ufl.diff(total, values[family]) for family in chosen]
+    return sum(parts[1:], parts[0])

@@ -8,13 +8,13 @@ law, where tau is no function of b, and the sound way for a steep one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import ufl
 
 from forms.balance import Balance
-from forms.effect import Bound, Term, Values
+from forms.effect import Bound, Target, Term, Values, by_parameter
 from forms.kinematics import Point, point_of, point_variation
 from forms.variation import first_variation, second_variation
 
@@ -126,6 +126,41 @@ class PointFriction:
         """
         lengths = sum(abs(b) for b in self._components(self._increment()))
         return self.term.weight * self.strength() * lengths * self._dx
+
+    def strength_by(self, target: Target) -> Any | None:
+        """Return the derivative of a point friction's largest stress by a parameter, a scalar."""
+        return by_parameter(target, [self.term], lambda t: replace(self, term=t).strength())
+
+    def creep_by(self, target: Target) -> Any | None:
+        """Return that of its creep, shape (components,); None for a set-valued law."""
+        size = self.size
+
+        def creep(term: Term) -> Any | None:
+            return replace(self, term=term).creep()
+
+        whole = by_parameter(target, [self.term], creep)
+        return None if whole is None else ufl.as_vector([whole[i] for i in range(size)])
+
+    def increment_along(self, directions: Sequence[Any]) -> Any:
+        """Return how the increment b changes along fields of the earlier states, a vector."""
+        assert self.balance.rate is not None
+        pairs = zip(self.balance.rate.history, directions, strict=True)
+        increment = self.increment()
+        return sum(
+            (ufl.derivative(increment, state, along) for state, along in pairs),
+            ufl.zero(increment.ufl_shape),
+        )
+
+    def loss_by(self, target: Target) -> Any | None:
+        """Return the derivative of the energy that a set-valued law dissipates in the step."""
+        return by_parameter(target, [self.term], lambda t: replace(self, term=t).loss())
+
+    def loss_along(self, now: Any, directions: Sequence[Any]) -> Any:
+        """Return how that energy (J) changes along fields of all states."""
+        balance = self.balance
+        assert balance.rate is not None
+        pairs = zip((balance.field, *balance.rate.history), (now, *directions), strict=True)
+        return sum(ufl.derivative(self.loss(), state, along) for state, along in pairs)
 
     @property
     def _bound(self) -> Any:

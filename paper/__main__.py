@@ -16,7 +16,7 @@ from paper.claims import Claim, claims
 from paper.elements import Compared, compare, finding
 from wovenfab.cli.app import Jobs, Overrides, guarded
 from wovenfab.cli.console import INTERRUPTED, Console
-from wovenfab.cli.sweep import exit_code, run_members
+from wovenfab.cli.studies import exit_code, run_members
 from wovenfab.record.results import Provenance, of_summary, this_process, write_whole
 
 

@@ -20,8 +20,8 @@ from paper.page import ERRORS, LOOPS, YARNS
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import window
-from wovenfab.report.animation import animate
 from wovenfab.report.curves import program
+from wovenfab.report.pictures import animate
 from wovenfab.report.run_data import largest, open_run_data
 from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.style import (

@@ -13,9 +13,8 @@ from paper.elements import KINDS, Compared, Value
 from paper.figures import CYCLE, FIGURES, numbers
 from paper.measures import PLACE
 from wovenfab.case import Case, Cycles
-from wovenfab.record.results import Provenance
+from wovenfab.record.results import Provenance, markdown
 from wovenfab.study.sweep import Member
-from wovenfab.study.table import markdown
 
 #: Pixels of the page for each inch of a picture, so that all sheets show at one scale.
 _PIXELS = 110

@@ -14,11 +14,11 @@ from petsc4py import PETSc
 
 from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Setting
+from wovenfab.record.results import markdown
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.problem import Problem, SolveResult, SolverOptions
 from wovenfab.stepping.step import CUT, StepSizeControl
-from wovenfab.study.table import markdown
 
 BONDED = Setting("bonded-1x3", ("discretisation.penalty=auto", "solver.stability=ignore"))
 GRADED = (
@@ -89,7 +89,7 @@ class _UnsearchedNewton(NewtonSolver):
 
     def search_line(self, x: Any, y: Any, longest: float) -> float:
         """Take the longest step."""
-        self._search.forget()
+        self.line_search.forget()
         return longest
 
 
@@ -104,7 +104,7 @@ class _PatientNewton(NewtonSolver):
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """End as usual, but for searches without success."""
-        self._search.failures = 0
+        self.line_search.failures = 0
         return super().test(snes, iteration, norms)
 
 
@@ -149,7 +149,7 @@ class TrustRegion(Counted):
         """Move the grips by Newton's method and go on with a trust region."""
         snes = self.newton.snes
         snes.setType("newtonls")
-        snes.setTolerances(max_it=self.newton.controls.max_iterations)
+        snes.setTolerances(max_it=self.newton.options.max_iterations)
         first = super().solve()
         if not first.converged:
             return first

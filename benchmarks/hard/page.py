@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from benchmarks.hard.results import Result
 from benchmarks.hard.row import Family, Figures, Row, verdict
-from wovenfab.study.table import markdown
+from wovenfab.record.results import markdown
 
 HEAD = """# Hard cases
 

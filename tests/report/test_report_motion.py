@@ -14,7 +14,7 @@ from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import polylines
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import Provenance
-from wovenfab.report.animation import PIXELS, animate
+from wovenfab.report.pictures import PIXELS, animate
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.style import house_style, read_provenance
 from wovenfab.report.yarns import SCRIPT, write_viewer, write_yarns

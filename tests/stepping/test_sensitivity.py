@@ -14,18 +14,17 @@ import pytest
 from numpy.typing import NDArray
 
 from forms import effects
-from forms.effect import Effect, Term
-from forms.sensitivity import Target
+from forms.effect import Effect, Target, Term
 from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
-from wovenfab.model.sensitivity import TargetError
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.stepping.sensitivity import TargetError
 from wovenfab.stepping.time_stepper import TimeStepper
 
 ROOT = Path(__file__).parents[2]

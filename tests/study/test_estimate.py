@@ -12,15 +12,14 @@ from mpi4py import MPI
 from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
-from wovenfab.simulation.prolongation import prolongated
 from wovenfab.simulation.response import (
     planned_steps,
+    prolongated,
     response_of,
     trial_of,
     with_elements,
     with_steps,
 )
-from wovenfab.study.target_accuracy.cost_model import Limits
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
@@ -34,7 +33,7 @@ from wovenfab.study.target_accuracy.estimate import (
     response_with_degree,
     worst,
 )
-from wovenfab.study.target_accuracy.plan import plan
+from wovenfab.study.target_accuracy.plan import Limits, plan
 from wovenfab.study.target_accuracy.time_steps import steps_for
 
 CONFIGS = Path(__file__).parents[2] / "configs"

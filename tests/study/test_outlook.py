@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from wovenfab.simulation.progress import memory
-from wovenfab.study.target_accuracy.cost_model import (
+from wovenfab.study.target_accuracy.plan import (
     Limits,
     Trial,
     next_cells,

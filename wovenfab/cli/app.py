@@ -204,7 +204,7 @@ def fit(
     A fit file names tests (a case and a measured file each) and the parameters to find; try
     configs/lab/glass-plain-fit.yaml.
     """
-    from wovenfab.cli.fit import fit_parameters
+    from wovenfab.cli.studies import fit_parameters
 
     sys.exit(fit_parameters(file, output, jobs or os.cpu_count() or 1))
 
@@ -266,7 +266,7 @@ def sweep(
     Repeat the command to go on after an interruption; only what changed is computed again.
     Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
     """
-    from wovenfab.cli.sweep import run_sweep
+    from wovenfab.cli.studies import run_sweep
 
     sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
 

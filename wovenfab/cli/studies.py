@@ -1,12 +1,16 @@
-"""``wovenfab accuracy`` and ``wovenfab effects``."""
+"""``wovenfab accuracy``, ``effects``, ``sweep`` and ``fit``."""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from wovenfab.case import CaseError, read_case
+from wovenfab.case import CaseError, read_case, refusal
 from wovenfab.cli.console import (
     BAD_INPUT,
     FAILED_STEP,
@@ -16,11 +20,15 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
+from wovenfab.record.results import write_whole
 from wovenfab.simulation.progress import Progress
+from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
+from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
 if TYPE_CHECKING:
     from wovenfab.study.accuracy.settings import Setting
-    from wovenfab.study.accuracy.study import Run, Study
+    from wovenfab.study.accuracy.study import Run as StudyRun
+    from wovenfab.study.accuracy.study import Study
 
 
 #: Folder of the results of single runs.
@@ -81,7 +89,7 @@ class _Monitor:
         done = min((self._spent + seconds) / self._budget, 1.0)
         self._console.progress(Progress("accuracy", done))
 
-    def report(self, study: Study, setting: Setting, expected: float, run: Run | None) -> None:
+    def report(self, study: Study, setting: Setting, expected: float, run: StudyRun | None) -> None:
         """Announce a run that takes long, or print the results of a run."""
         self._spent = study.spent
         left = f"at most {duration(max(self._budget - self._spent, 0))} left"
@@ -121,3 +129,188 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
         draw_costs(rows, directory / "effects.png")
         console.say(f"\n{printed(rows)}\ntable and chart: {directory}")
     return 0
+
+
+def run_sweep(
+    paths: Sequence[Path],
+    over: Sequence[str],
+    overrides: Sequence[str],
+    output: Path | None,
+    jobs: int | None,
+) -> int:
+    """Run every member of a sweep, draw them together and return the exit code."""
+    cases, variations = _varied(paths, over)
+    members = members_of(cases, variations, overrides)
+    directory = output or Path("results") / f"{paths[0].stem}-sweep"
+    console = Console()
+    try:
+        runs = run_members(members, directory, jobs, console)
+    except KeyboardInterrupt:
+        console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
+        return INTERRUPTED
+    console.say(f"\n{printed(runs)}\n\ntable and picture: {directory}")
+    _draw([run for run in runs if run.has_results], directory)
+    return exit_code(runs)
+
+
+def run_members(
+    members: Sequence[Member], directory: Path, jobs: int | None, console: Console
+) -> list[Run]:
+    """Run members side by side; show the progress and update their table after each."""
+    jobs = jobs or len(os.sched_getaffinity(0))
+    phase = f"{len(members)} runs, {jobs} side by side"
+
+    def report(state: Sweep, run: Run | None) -> None:
+        ended, count = sum(r.ended for r in state.runs), len(state.runs)
+        console.progress(Progress(phase, state.share))
+        if run is None:
+            return
+        write_table(state.runs, directory)
+        if run.state == "failed":
+            console.problem(f"{run.member.name} failed: {run.problem} (its output: {run.log})")
+        if run.state != "unchanged" and state.left is not None:
+            left = f", about {duration(state.left)} left" if ended < count else ""
+            console.say(f"{ended} of {count}: {run.member.name} took {duration(run.seconds)}{left}")
+
+    with console:
+        runs = sweep(members, directory, jobs, report)
+    if unchanged := sum(run.state == "unchanged" for run in runs):
+        console.say(f"{unchanged} of {len(runs)} runs were there already")
+    return runs
+
+
+def exit_code(runs: Sequence[Run]) -> int:
+    """Return what a command ends with after some runs."""
+    return FAILED_STEP if any(run.state == "failed" for run in runs) else 0
+
+
+def _draw(runs: Sequence[Run], directory: Path) -> None:
+    """Draw the loops of all runs over each other, as ``overlay.png`` and ``overlay.svg``."""
+    from wovenfab.report.curves import loops
+    from wovenfab.report.run_data import open_run_data
+    from wovenfab.report.style import house_style, save
+
+    if runs:
+        with house_style():
+            figure = loops([(run.member.label, open_run_data(run.directory)) for run in runs])
+            for kind in ("png", "svg"):
+                save(figure, directory / f"overlay.{kind}")
+
+
+def _varied(
+    paths: Sequence[Path], over: Sequence[str]
+) -> tuple[Sequence[Path], Sequence[Variation]]:
+    """Return case files, and what each is run with."""
+    axes = [read_over(text) for text in over]
+    if not any(is_sweep_file(path) for path in paths):
+        return paths, grid(axes)
+    if len(paths) > 1:
+        raise refusal(str(paths[0]), "a sweep file stands alone, without other files")
+    sweep_file = read_sweep_file(paths[0])
+    return sweep_file.cases, grid([sweep_file.variations, *axes])
+
+
+if TYPE_CHECKING:
+    from wovenfab.study.fit.fit_file import Fit
+    from wovenfab.study.fit.knowledge import Knowledge
+    from wovenfab.study.fit.search import Found, Trial
+
+
+def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
+    """Find the parameters that a fit file asks for; return the exit code."""
+    console = Console()
+    if is_launched():
+        console.problem("fit starts its own processes: start it without mpirun, with --jobs")
+        return BAD_INPUT
+    from wovenfab.study.fit.fit_file import read_fit
+    from wovenfab.study.fit.knowledge import in_words, knowledge
+    from wovenfab.study.fit.response import BranchError, TrialError
+    from wovenfab.study.fit.search import Objective, discretisation_error, search
+
+    fit = read_fit(path)
+    directory = output or Path("results") / fit.name
+    directory.mkdir(parents=True, exist_ok=True)
+    console.say(f"{len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
+    try:
+        with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
+            found = search(objective, fit)
+            console.progress(Progress("comparing with finer runs"))
+            error = discretisation_error(fit, found)
+    except (TrialError, BranchError) as failure:
+        console.problem(str(failure))
+        return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
+    except KeyboardInterrupt:
+        console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
+        return INTERRUPTED
+    e = found.evaluation
+    known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
+    notes = [*_headlines(found, error), *in_words(known, fit)]
+    _write(fit, found, known, error, notes, directory)
+    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
+
+    draw_fit(fit, found, known, directory / PICTURE)
+    write_fit_page(fit, found, known, notes, directory / PAGE)
+    for i in known.intervals:
+        console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  (95 %: {i.low:.4g} to {i.high:.4g})")
+    console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
+    return 0
+
+
+def _headlines(found: Found, error: float) -> list[str]:
+    trials = found.trials
+    fine = [t for t in trials if not t.coarse]
+    misfit = next(t.misfit for t in reversed(fine) if t.values == found.values)
+    lines = [
+        f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
+        f"square), after {len(trials)} trials, {len(trials) - len(fine)} of them coarse, in "
+        f"{duration(sum(t.seconds for t in trials))}.",
+        f"Finer elements and steps change the fitted curves by {100 * error:.2f} %"
+        + (" (a tenth of the misfit or less)." if error <= 0.1 * misfit else "."),
+    ]
+    if not found.converged:
+        lines.append(f"The search has not converged: {found.reason}.")
+    return lines
+
+
+def _reporter(console: Console, fit: Fit) -> Any:
+    def report(trial: Trial) -> None:
+        values = ", ".join(f"{u.name} {trial.values[u.name]:.4g}" for u in fit.unknowns)
+        how = f"failed: {trial.failure}" if trial.failure else f"misfit {100 * trial.misfit:.3f} %"
+        runs = "coarse" if trial.coarse else "full"
+        console.say(f"trial {trial.number} ({runs}, {trial.seconds:.1f} s): {how}; {values}")
+
+    return report
+
+
+def _write(
+    fit: Fit, found: Found, known: Knowledge, error: float, notes: list[str], directory: Path
+) -> None:
+    """Write ``fit.json`` and the fitted case of each test."""
+    from wovenfab.study.fit.fit_file import with_values
+
+    result = {
+        "title": fit.title,
+        "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
+        "correlations": known.correlations.tolist(),
+        "singular_values": known.singular_values.tolist(),
+        "directions": known.directions.tolist(),
+        "scatter": known.scatter,
+        "tests": [
+            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
+            for test, f in zip(fit.tests, known.fidelity, strict=True)
+        ],
+        "discretisation_error": error,
+        "trials": [_plain(asdict(t)) for t in found.trials],
+        "converged": found.converged,
+        "notes": notes,
+    }
+    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
+    for number, test in enumerate(fit.tests):
+        which = "" if len(fit.tests) == 1 else f"{number + 1}-"
+        case = with_values(test.case, fit.unknowns, found.values)
+        write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
+
+
+def _plain(data: dict[str, Any]) -> dict[str, Any]:
+    """Return data without infinities, which JSON does not know."""
+    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}

@@ -1,18 +1,20 @@
-"""The results directory, which is never overwritten silently, and the provenance of results."""
+"""The results directory, never overwritten silently; provenance of results; tables."""
 
 from __future__ import annotations
 
+import csv
 import fcntl
 import json
 import os
 import shlex
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from errno import EACCES
+from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Self, TextIO
+from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from wovenfab.parallel import on_root, world
 
@@ -272,3 +274,22 @@ def outcome_of(directory: Path) -> str | None:
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
         return str(summary["outcome"])
     return None
+
+
+def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Write rows with the columns of all; a row may lack some."""
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    stream = StringIO()
+    writer = csv.DictWriter(stream, columns, lineterminator="\n", restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    write_whole(path, stream.getvalue())
+
+
+def markdown(
+    titles: Sequence[str], rows: Iterable[Sequence[str]], texts: Sequence[int] = (0,)
+) -> str:
+    """Return a table in Markdown; columns that are not texts are aligned right."""
+    rules = ["---" if i in texts else "---:" for i in range(len(titles))]
+    lines = [f"| {' | '.join(titles)} |", f"|{'|'.join(rules)}|"]
+    return "\n".join([*lines, *(f"| {' | '.join(row)} |" for row in rows)])

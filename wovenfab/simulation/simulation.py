@@ -36,7 +36,7 @@ from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
 
 if TYPE_CHECKING:
-    from forms.sensitivity import Target
+    from forms.effect import Target
 
 #: What is called after each accepted step, on every rank; the model's field is that of the step.
 Observer = Callable[[Step], None]

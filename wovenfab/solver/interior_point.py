@@ -26,11 +26,11 @@ CLOSEST = 1e-15
 
 
 @dataclass(frozen=True)
-class Target:
-    """Target of a step.
+class Aim:
+    """What a step aims at.
 
     Attributes:
-        up, down: Target values of p (zeta - tau) and q (zeta + tau), N/m.
+        up, down: Aim values of p (zeta - tau) and q (zeta + tau), N/m.
         increment: The increment that belongs to them at the present stress, m.
     """
 
@@ -89,7 +89,7 @@ class InteriorPoint:
         above, below = self._room()
         return self._up / above - self._down / below
 
-    def aim(self, creep: Array, level: float, move: Increment | None = None) -> Target:
+    def aim(self, creep: Array, level: float, move: Increment | None = None) -> Aim:
         """Return the target of a step.
 
         Args:
@@ -100,11 +100,9 @@ class InteriorPoint:
         above, below = self._room()
         up = level + (move.up * move.stress if move else np.zeros_like(above))
         down = level - (move.down * move.stress if move else np.zeros_like(above))
-        return Target(up, down, creep + up / above - down / below)
+        return Aim(up, down, creep + up / above - down / below)
 
-    def centred(
-        self, aim: Target, creep: Array, level: float, move: Increment, length: float
-    ) -> Target:
+    def centred(self, aim: Aim, creep: Array, level: float, move: Increment, length: float) -> Aim:
         """Return a target with which products that are far from their mean come nearer to it.
 
         Args:
@@ -121,9 +119,9 @@ class InteriorPoint:
         more_up = np.maximum(np.clip(up, least, most) - up, -most)
         more_down = np.maximum(np.clip(down, least, most) - down, -most)
         up, down = aim.up + more_up, aim.down + more_down
-        return Target(up, down, creep + up / above - down / below)
+        return Aim(up, down, creep + up / above - down / below)
 
-    def move(self, stress: Array, aim: Target) -> Increment:
+    def move(self, stress: Array, aim: Aim) -> Increment:
         """Return the changes of stress, p and q that belong to a change of the stress."""
         above, below = self._room()
         up = (aim.up + self._up * stress) / above - self._up

@@ -97,7 +97,7 @@ class NewtonSolver:
             crossing: Step length at which the families would cross.
             prefix: Beginning of the names of its PETSc options.
         """
-        self.problem, self._options, self.linear, self.crossing = problem, options, linear, crossing
+        self.problem, self.options, self.linear, self.crossing = problem, options, linear, crossing
         self.solution = problem.residual.duplicate()
         self._matrix = matrix
         self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
@@ -107,7 +107,7 @@ class NewtonSolver:
         )
         self._reuse, self._left = TangentReuse(), np.inf  # share of the residual left by a step
         self._convergence = Convergence(options.tolerance, largest_cell(problem.model.sheet.mesh))
-        self._search = LineSearch(problem)
+        self.line_search = LineSearch(problem)
         self._length, self._cg = 0.0, 0  # of the last step
         self._most = options.max_iterations
         self.on_iteration: Callable[[], None] = lambda: None
@@ -129,11 +129,11 @@ class NewtonSolver:
         self._began[:] = self.solution.array_r
         self._before[:] = problem.model.last.x.array[: self._before.size]
         problem.begin()
-        self._search.begin()
+        self.line_search.begin()
         self._reuse.begin()
         self.spectrum.restart()
         # Shifted tangents and stress at points change the matrix too much for an older factor.
-        self.linear.definite = not (self._options.descend or problem.point_stress)
+        self.linear.definite = not (self.options.descend or problem.point_stress)
         if self.linear.status < 0:
             self.linear.forget()
         if problem.point_stress:
@@ -170,7 +170,7 @@ class NewtonSolver:
         """Return the number of negative eigenvalues at a solution; note its force and energy."""
         moved = self.snes.getIterationNumber() > 0
         negatives = self.spectrum.judge(self._distance(self._assembled) if moved else np.inf)
-        self._convergence.accept(self.problem.force_norm, self._search.potential or 0.0)
+        self._convergence.accept(self.problem.force_norm, self.line_search.potential or 0.0)
         return negatives
 
     def assemble_tangent(self) -> None:
@@ -237,7 +237,7 @@ class NewtonSolver:
         if not self.snes.getIterationNumber():
             self.saddle_at_start = self.spectrum.saddle
             self.spectrum.begin()
-        if problem.attained and self._options.descend:
+        if problem.attained and self.options.descend:
             self.spectrum.shift(self.snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
         inside = problem.point_stress.correct(self.linear, y) if problem.point_stress else 1.0
@@ -247,7 +247,7 @@ class NewtonSolver:
         elif problem.attained:
             length = self.search_line(x, y, length)
         else:
-            self._search.forget()
+            self.line_search.forget()
         self._length = length
         if length < 1.0:
             y.scale(length)
@@ -266,7 +266,7 @@ class NewtonSolver:
             y: Newton's step, to be subtracted; that by the positive part may overwrite it.
             longest: First length to try.
         """
-        search, noise, force = self._search, self._convergence.noise, self.snes.getFunction()[0]
+        search, noise, force = self.line_search, self._convergence.noise, self.snes.getFunction()[0]
         before, saddle = (search.potential, search.failures), self.spectrum.saddle
         length = search.along(self.step, force.dot(y), longest, noise, loose=not saddle)
         if length == longest or not saddle:
@@ -297,13 +297,13 @@ class NewtonSolver:
             reason = self._convergence.reason(
                 residual,
                 self.problem.force_norm,
-                self._search.decrement,
-                self._search.potential or 0.0,
+                self.line_search.decrement,
+                self.line_search.potential or 0.0,
                 self._left if self._reuse.taken else None,
             )
             if reason is not None:
                 return reason
-        if self._search.failures >= STUCK:
+        if self.line_search.failures >= STUCK:
             return int(Reason.DIVERGED_LINE_SEARCH)
         if iteration >= self._most:
             return int(Reason.DIVERGED_MAX_IT)
@@ -319,7 +319,7 @@ class NewtonSolver:
         snes = PETSc.SNES().create(self.problem.model.comm)
         snes.setOptionsPrefix(prefix)
         snes.setType("newtonls")
-        snes.setTolerances(max_it=self._options.max_iterations)
+        snes.setTolerances(max_it=self.options.max_iterations)
         ksp = snes.getKSP()
         ksp.setOptionsPrefix(f"{prefix}newton_")  # those without newton_ are of the direct solver
         snes.setFromOptions()
@@ -335,12 +335,12 @@ class NewtonSolver:
 
     def _obeys_friction_laws(self) -> bool:
         """Return whether the stresses at points obey their laws."""
-        stress, tolerance = self.problem.point_stress, self._options.tolerance
+        stress, tolerance = self.problem.point_stress, self.options.tolerance
         return stress is None or stress.obeys_law(tolerance, self._energy_scale)
 
     def _energy_scale(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
-        return self._convergence.scale_of(self._search.measure())
+        return self._convergence.scale_of(self.line_search.measure())
 
     def _is_reusable(self) -> bool:
         """Return whether the tangent serves for another step; collective."""
@@ -361,7 +361,7 @@ class NewtonSolver:
     def _log(self, iteration: int, residual: float) -> None:
         """Log the iterate and the step that led to it; collective."""
         norms = self.problem.residual_norms()
-        potential = self._search.potential
+        potential = self.line_search.potential
         if potential is None:
             potential = self.problem.energy()
         step = "start"

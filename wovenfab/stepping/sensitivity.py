@@ -1,6 +1,6 @@
 """Derivatives of a run by material parameters: the tangent-linear equations of each step.
 
-After each step the linear equations of ``forms.sensitivity`` are solved with the tangent at its
+After each step the linear equations of ``forms.balance`` are solved with the tangent at its
 solution, one right-hand side for each parameter. The force of an edge is the work of the internal
 force on a unit displacement w of that edge: its derivative is w.(K du + b) with the tangent K
 and the right-hand side b before boundary conditions, and K w is formed once for all parameters.
@@ -12,23 +12,24 @@ slide, the derivative is one of the two one-sided ones, or between them.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import ufl
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.sensitivity import Target
-from wovenfab.model.assembly import Sum, assemble_scalar
+from forms.effect import Target
+from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.model import Model, preserved
-from wovenfab.model.sensitivity import SensitivityForms, require_targets, sensitivity_forms
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 
 if TYPE_CHECKING:
-    from wovenfab.solver.point_sensitivity import PointSensitivity
+    from wovenfab.solver.point_friction import PointSensitivity
 
 Array = NDArray[np.float64]
 #: Error of a solution in the energy norm, relative, where an older factor is used.
@@ -143,7 +144,7 @@ class TangentLinear:
             points = None
             forms = sensitivity_forms(model, self.targets)
             if stress:
-                from wovenfab.solver.point_sensitivity import PointSensitivity
+                from wovenfab.solver.point_friction import PointSensitivity
 
                 points = PointSensitivity(model, stress, self.targets, forms.earlier)
             self._compiled[id(model)] = model, forms, points
@@ -247,3 +248,99 @@ class TangentLinear:
 
     def _sum(self, mine: Array) -> Array:
         return np.asarray(self._problem.model.comm.allreduce(mine))
+
+
+class TargetError(Exception):
+    """No effect of the scene has a parameter of that name."""
+
+
+@dataclass(frozen=True)
+class SensitivityForms:
+    """The forms of tangent-linear equations; each is empty where nothing depends on it.
+
+    Attributes:
+        targets: The parameters.
+        now, earlier: Fields along which the present and the earlier states change, m.
+        residual: For each parameter, linear forms of the derivative of the residual.
+        residual_along: Its change along ``earlier``.
+        power: For each parameter, scalar forms of the derivative of the dissipated power.
+        power_along: Its change along ``now`` and ``earlier``.
+        loss, loss_along: The same of the energy that set-valued laws dissipate in the step.
+    """
+
+    targets: tuple[Target, ...]
+    now: fem.Function
+    earlier: tuple[fem.Function, ...]
+    residual: tuple[Sum, ...]
+    residual_along: Sum
+    power: tuple[Sum, ...]
+    power_along: Sum
+    loss: tuple[Sum, ...]
+    loss_along: Sum
+
+
+def require_targets(model: Model, targets: Sequence[Target]) -> None:
+    """Check that each parameter is one of the scene.
+
+    Raises:
+        TargetError: If one is not.
+    """
+    terms = (*model.balance.terms, *(f.term for f in model.point_frictions))
+    known = {(t.effect.name, name) for t in terms for name in t.values}
+    for target in targets:
+        if (target.effect, target.parameter) not in known:
+            names = ", ".join(sorted(f"{e}.{p}" for e, p in known))
+            raise TargetError(f"{target} is no parameter of this scene; it has {names}")
+
+
+def sensitivity_forms(model: Model, targets: Sequence[Target]) -> SensitivityForms:
+    """Return the compiled forms; collective.
+
+    Args:
+        model: As it is solved. The stress of its point frictions is held fixed here.
+        targets: The parameters.
+    """
+    at_points = {f.term.effect.name for f in model.point_frictions}
+    smooth = tuple(t for t in model.balance.terms if t.effect.name not in at_points)
+    balance = replace(model.balance, terms=smooth)
+    whole = model.balance  # the power is that of the laws, smooth or not
+    space = model.space
+    now, earlier = fem.Function(space), tuple(fem.Function(space) for _ in model.history)
+    test = ufl.TestFunction(space)
+    set_valued = [f for f in model.point_frictions if f.term.effect.set_valued]
+    sums: dict[str, list[Any]] = {
+        "residual along": [balance.residual_along(earlier, test)] if earlier else [],
+        "power along": [whole.power_along(now, earlier)],
+        "loss along": [f.loss_along(now, earlier) for f in set_valued],
+    }
+    for i, target in enumerate(targets):
+        lines = [
+            balance.lines_residual_by(
+                target, family, fem.Function(part, model.field.x), ufl.TestFunction(part)
+            )
+            for family, part in enumerate(model.placements.families)
+        ]
+        sums[f"residual {i}"] = [balance.residual_by(target, test), *lines]
+        sums[f"power {i}"] = [whole.power_by(target)]
+        sums[f"loss {i}"] = [f.loss_by(target) for f in set_valued]
+    present = {
+        name: [f for f in forms if f is not None and not _vanishes(f)]
+        for name, forms in sums.items()
+    }
+    compiled = compile_sums(present, model.comm)
+
+    def each(name: str) -> tuple[Sum, ...]:
+        return tuple(compiled[f"{name} {i}"] for i in range(len(targets)))
+
+    return SensitivityForms(
+        tuple(targets), now, earlier, each("residual"), compiled["residual along"],
+        each("power"), compiled["power along"], each("loss"), compiled["loss along"],
+    )  # fmt: skip
+
+
+def _vanishes(form: Any) -> bool:
+    """Return whether a form is zero once it is differentiated."""
+    expanded = ufl.algorithms.apply_derivatives.apply_derivatives(
+        ufl.algorithms.apply_algebra_lowering.apply_algebra_lowering(form)
+    )
+    return not expanded.integrals()

@@ -18,7 +18,7 @@ from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
 if TYPE_CHECKING:
-    from forms.sensitivity import Target
+    from forms.effect import Target
     from wovenfab.stepping.sensitivity import TangentLinear
     from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 

@@ -19,11 +19,11 @@ from petsc4py import PETSc
 
 from wovenfab.case import Case, CaseError
 from wovenfab.record.history import peak_force
+from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
-from wovenfab.study.table import markdown, write_csv
 
 
 @dataclass(frozen=True)

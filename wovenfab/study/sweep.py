@@ -18,11 +18,12 @@ from wovenfab.record.results import (
     INPUT,
     INTERRUPTED,
     has_checkpoint,
+    markdown,
     outcome_of,
+    write_csv,
 )
 from wovenfab.record.summary import read_summary
 from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
-from wovenfab.study.table import markdown, write_csv
 from wovenfab.study.variations import OVER, Variation
 
 

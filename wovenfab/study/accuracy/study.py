@@ -8,10 +8,10 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
+from wovenfab.record.results import markdown, write_csv
 from wovenfab.study.accuracy.errors import Best, Refinement, orders_towards
 from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, RMS_BETA, Measured
 from wovenfab.study.accuracy.settings import Setting
-from wovenfab.study.table import markdown, write_csv
 
 #: Accuracies for which the cheapest setting is sought.
 TARGETS = (0.05, 0.01, 0.003, 0.001)

@@ -11,8 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
 
-from forms.effect import Parameter
-from forms.sensitivity import Target
+from forms.effect import Parameter, Target
 from wovenfab.case import Case, CaseError, Document, Section, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import Problem, describe, near_miss, problems_in, wrong

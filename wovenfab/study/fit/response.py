@@ -18,7 +18,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
-from forms.sensitivity import Target
+from forms.effect import Target
 from wovenfab.case import Case, CaseError
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation

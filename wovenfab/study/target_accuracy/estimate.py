@@ -29,8 +29,13 @@ from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.prolongation import prolongated
-from wovenfab.simulation.response import Response, response_of, with_elements, with_steps
+from wovenfab.simulation.response import (
+    Response,
+    prolongated,
+    response_of,
+    with_elements,
+    with_steps,
+)
 
 Array = NDArray[np.float64]
 #: Slowest and fastest convergence that is believed: exponents of degree. Beside a singularity
