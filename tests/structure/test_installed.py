@@ -31,8 +31,14 @@ USES = {
     "resume": ["results/case", "--set", "program.steps=4", "--set", "output.pictures=false"],
     "sweep": ["case.yaml", "--over", "program.to=10 mm,20 mm", "--set", "output.pictures=false"],
     "effects": ["case.yaml", "--set", "output.pictures=false"],
+    "sensitivities": ["case.yaml", "--by", "shear.stiffness"],
+    "fit": ["fit.yaml"],
     "accuracy": ["case.yaml", "--minutes", "0.01"],
 }
+FIT = """\
+tests: [{case: case.yaml, measured: curve.csv}]
+parameters: {shear.stiffness: }
+"""
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +92,8 @@ def test_every_command_works_from_another_folder(installed: Path, tmp_path: Path
     assert commands, "no commands in the help"
     assert set(re.findall(r"^│ (\S+) ", commands[1], re.M)) == USES.keys()
     (tmp_path / "case.yaml").write_text(CASE)
+    (tmp_path / "fit.yaml").write_text(FIT)
+    (tmp_path / "curve.csv").write_text("u_mm,F_N\n10,9\n20,19\n40,60\n")
     for command, arguments in USES.items():
         wovenfab(installed, tmp_path, command, *arguments)
     assert (tmp_path / "results" / "case" / "report.html").is_file()

@@ -194,6 +194,30 @@ def check(
 
 
 @app.command()
+def sensitivities(
+    case: CaseFile,
+    output: Output = None,
+    overrides: Overrides = None,
+    by: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--by",
+            metavar="PARAMETER",
+            show_default=False,
+            help="A parameter, as in --by shear.stiffness; all of the case unless given.",
+        ),
+    ] = None,
+) -> None:
+    """Differentiate force and dissipated energy by each parameter, along the whole program.
+
+    Table and picture go into results/<name of the case>-sensitivities.
+    """
+    from wovenfab.cli.studies import differentiate
+
+    sys.exit(differentiate(case, output, overrides or [], by or []))
+
+
+@app.command()
 def fit(
     file: Annotated[Path, typer.Argument(help="The fit file (YAML).", show_default=False)],
     output: Output = None,

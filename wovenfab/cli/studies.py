@@ -1,4 +1,4 @@
-"""``wovenfab accuracy``, ``effects``, ``sweep`` and ``fit``."""
+"""``wovenfab accuracy``, ``effects``, ``sensitivities``, ``sweep`` and ``fit``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
-from wovenfab.record.results import write_whole
+from wovenfab.record.results import write_csv, write_whole
+from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
@@ -131,6 +132,54 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
     return 0
 
 
+def differentiate(
+    path: Path, output: Path | None, overrides: Sequence[str], by: Sequence[str]
+) -> int:
+    """Write and draw the derivatives of a run by its parameters; collective."""
+    case = read_case(path, overrides)
+    from mpi4py import MPI
+
+    from forms.effect import Target
+    from wovenfab.report.study_pictures import draw_sensitivities
+    from wovenfab.stepping.sensitivity import TargetError
+    from wovenfab.stepping.stability import StabilityLostError
+    from wovenfab.stepping.step import Step, StepFailedError
+    from wovenfab.study.effects import parameters_of, sensitivities
+
+    console = Console()
+    named = [(effect, name) for effect, _, name in (text.partition(".") for text in by)]
+    targets = [Target(effect, name) for effect, name in named] or parameters_of(case)
+    end = program_of_case(case).milestones[-1].time
+
+    def report(step: Step) -> None:
+        console.progress(Progress("steps with derivatives", step.time / end))
+
+    try:
+        with console:
+            columns = sensitivities(case, targets, MPI.COMM_WORLD, report)
+    except TargetError as error:
+        console.problem(str(error))
+        return BAD_INPUT
+    except (StepFailedError, StabilityLostError) as failure:
+        console.problem(str(failure))
+        return FAILED_STEP
+    if is_first_rank():
+        directory = output or Path("results") / f"{case.name}-sensitivities"
+        directory.mkdir(parents=True, exist_ok=True)
+        rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+        write_csv(directory / "sensitivities.csv", rows)
+        values = {str(t): _number(case.effects[t.effect][t.parameter]) for t in targets}
+        draw_sensitivities(columns, values, directory / "sensitivities.png")
+        console.say(f"table and picture: {directory}")
+    return 0
+
+
+def _number(value: Any) -> float:
+    """Return a value, that of the first family of two, or 1 for a formula."""
+    first = value[0] if isinstance(value, tuple) else value
+    return float(first) if isinstance(first, int | float) else 1.0
+
+
 def run_sweep(
     paths: Sequence[Path],
     over: Sequence[str],
@@ -225,7 +274,7 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
     from wovenfab.study.fit.fit_file import read_fit
     from wovenfab.study.fit.knowledge import in_words, knowledge
     from wovenfab.study.fit.response import BranchError, TrialError
-    from wovenfab.study.fit.search import Objective, discretisation_error, search
+    from wovenfab.study.fit.search import Objective, search
 
     fit = read_fit(path)
     directory = output or Path("results") / fit.name
@@ -234,8 +283,6 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
     try:
         with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
             found = search(objective, fit)
-            console.progress(Progress("comparing with finer runs"))
-            error = discretisation_error(fit, found)
     except (TrialError, BranchError) as failure:
         console.problem(str(failure))
         return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
@@ -244,8 +291,8 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
         return INTERRUPTED
     e = found.evaluation
     known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
-    notes = [*_headlines(found, error), *in_words(known, fit)]
-    _write(fit, found, known, error, notes, directory)
+    notes = [*_headlines(found), *in_words(known, fit)]
+    _write(fit, found, known, notes, directory)
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
 
     draw_fit(fit, found, known, directory / PICTURE)
@@ -256,7 +303,7 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
     return 0
 
 
-def _headlines(found: Found, error: float) -> list[str]:
+def _headlines(found: Found) -> list[str]:
     trials = found.trials
     fine = [t for t in trials if not t.coarse]
     misfit = next(t.misfit for t in reversed(fine) if t.values == found.values)
@@ -264,8 +311,9 @@ def _headlines(found: Found, error: float) -> list[str]:
         f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
         f"square), after {len(trials)} trials, {len(trials) - len(fine)} of them coarse, in "
         f"{duration(sum(t.seconds for t in trials))}.",
-        f"Finer elements and steps change the fitted curves by {100 * error:.2f} %"
-        + (" (a tenth of the misfit or less)." if error <= 0.1 * misfit else "."),
+        f"Cells and steps change the curves by about {100 * found.error:.2f} %, "
+        + ("less" if found.error <= 0.1 * misfit else "more")
+        + " than a tenth of that.",
     ]
     if not found.converged:
         lines.append(f"The search has not converged: {found.reason}.")
@@ -282,9 +330,7 @@ def _reporter(console: Console, fit: Fit) -> Any:
     return report
 
 
-def _write(
-    fit: Fit, found: Found, known: Knowledge, error: float, notes: list[str], directory: Path
-) -> None:
+def _write(fit: Fit, found: Found, known: Knowledge, notes: list[str], directory: Path) -> None:
     """Write ``fit.json`` and the fitted case of each test."""
     from wovenfab.study.fit.fit_file import with_values
 
@@ -299,7 +345,7 @@ def _write(
             {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
             for test, f in zip(fit.tests, known.fidelity, strict=True)
         ],
-        "discretisation_error": error,
+        "discretisation_error": found.error,
         "trials": [_plain(asdict(t)) for t in found.trials],
         "converged": found.converged,
         "notes": notes,

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from wovenfab.record.results import this_process
 from wovenfab.report.page_blocks import Block, Section, Table, Text, section, vector, write_page
@@ -130,10 +132,18 @@ def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
         axes.plot([i.value / size], [row], "o", color=colour, markersize=5)
     if all(i.low > 0 for i in intervals):
         axes.set_xscale("log")
+        plain_ticks(axes.xaxis)
     axes.set_yticks(range(len(intervals)), [i.name for i in intervals])
     axes.invert_yaxis()
     axes.margins(y=0.2)
     axes.set_xlabel("interval of 95 % over the value")
+
+
+def plain_ticks(axis: Axis) -> None:
+    """Label 1, 2 and 5 times powers of ten with plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def draw_correlations(axes: Axes, known: Knowledge) -> None:
@@ -157,6 +167,8 @@ def draw_trials(axes: Axes, found: Found) -> None:
             markersize=4, label="coarse" if coarse else "as the cases say",
         )  # fmt: skip
     axes.set_yscale("log")
+    plain_ticks(axes.yaxis)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("trial")
     axes.set_ylabel("misfit (%)")
     axes.legend(fontsize=7)

@@ -13,7 +13,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
-from wovenfab.report.style import APART, QUIET, WIDTH, Values, house_style, save, sequence
+from wovenfab.report.style import (
+    APART,
+    DASHES,
+    QUIET,
+    WIDTH,
+    Values,
+    house_style,
+    readable,
+    save,
+    sequence,
+    zero_line,
+)
 from wovenfab.study.accuracy.study import QUANTITIES, TARGETS, Run, Study
 from wovenfab.study.effects import Row
 
@@ -143,3 +154,35 @@ def _ticks(axes: Axes, costs: Sequence[float]) -> None:
     axes.xaxis.set_major_locator(FixedLocator(inside))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+def draw_sensitivities(
+    columns: Mapping[str, Sequence[float]], values: Mapping[str, float], path: Path
+) -> Path:
+    """Draw what one per cent more of each parameter changes in force and dissipated energy.
+
+    Args:
+        columns: Of ``study.effects.sensitivities``.
+        values: Of the parameters by their names, in SI units.
+        path: The picture.
+    """
+    time = np.asarray(columns["time_s"])
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 0.7 * WIDTH))
+        pairs = zip(figure.subplots(2, 1, sharex=True), ("force", "dissipated"), strict=True)
+        for axes, what in pairs:
+            base = "force_N" if what == "force" else "dissipated_J"
+            unit = readable(base[-1], 0.01 * float(np.abs(columns[base]).max()))
+            for i, (name, value) in enumerate(values.items()):
+                change = 0.01 * value * np.asarray(columns[f"d_{what}/d_{name}"])
+                style = DASHES[i // len(APART) % len(DASHES)]
+                colour = APART[i % len(APART)]
+                axes.plot(time, unit.factor * change, color=colour, linestyle=style, label=name)
+            noun = "force" if what == "force" else "dissipated energy"
+            axes.set_ylabel(f"change of {noun} ({unit.name})")
+            zero_line(axes)
+        axes.set_xlabel("time (s)")
+        figure.suptitle("One per cent more of each parameter", fontsize=10)
+        handles, names = axes.get_legend_handles_labels()
+        figure.legend(handles, names, loc="outside right center", fontsize=7)
+        return save(figure, path)

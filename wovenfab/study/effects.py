@@ -1,6 +1,7 @@
 """Cost and influence of each effect: the scene with all, without each, and with each alone.
 
-Everything is measured in this process; no results are written.
+Everything is measured in this process; no results are written. Influence of each parameter: the
+derivatives of force and dissipated energy along the program.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from pathlib import Path
 from mpi4py import MPI
 from petsc4py import PETSc
 
+from forms.effect import Target
 from wovenfab.case import Case, CaseError
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
@@ -24,6 +26,7 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
+from wovenfab.stepping.step import Step
 
 
 @dataclass(frozen=True)
@@ -245,3 +248,48 @@ def printed(rows: Sequence[Row]) -> str:
     if refused:
         table += "\n".join(["", "", "Not well posed, and refused:", "", *refused])
     return f"{table}\n"
+
+
+def parameters_of(case: Case) -> list[Target]:
+    """Return all parameters of a case; those of both families as one."""
+    return [Target(name, parameter) for name, of in case.effects.items() for parameter in of]
+
+
+def sensitivities(
+    case: Case, targets: Sequence[Target], comm: MPI.Comm, report: Callable[[Step], None]
+) -> dict[str, list[float]]:
+    """Return force, dissipated energy and their derivatives at each step; collective.
+
+    Args:
+        case: The case.
+        targets: The parameters.
+        comm: The ranks that compute.
+        report: Called with each step.
+
+    Returns:
+        Columns by name: ``force_N``, ``d_force/d_shear.stiffness``, ... in SI units.
+
+    Raises:
+        TargetError: If the case has no such parameter.
+        StepFailedError: If a step cannot be made.
+        StabilityLostError: If the sheet buckles and the case says to stop there.
+    """
+    rows: list[dict[str, float]] = []
+    with Simulation(case, sheet_of(case, comm)) as simulation:
+        simulation.differentiate(targets)
+        for step in simulation.steps():
+            assert step.derivatives is not None
+            row = {
+                "step": step.number,
+                "time_s": step.time,
+                "displacement_m": step.displacement,
+                "force_N": step.force,
+                "dissipated_J": sum(step.dissipated.values()),
+            }
+            for what in ("force", "dissipated"):
+                values = getattr(step.derivatives, what)
+                pairs = zip(targets, values, strict=True)
+                row |= {f"d_{what}/d_{target}": float(value) for target, value in pairs}
+            rows.append(row)
+            report(step)
+    return {name: [row[name] for row in rows] for name in rows[0]}

@@ -23,8 +23,9 @@ Array = NDArray[np.float64]
 LEVEL = 0.95
 #: Ratio of an interval's ends to its middle above which a parameter is not determined.
 UNKNOWN = 3.0
-#: Singular values below this share of the largest are zero: there is no effect at all.
-LEAST = 1e-8
+#: Share of the largest singular value below which one is zero: there is no effect at all. Least
+#: part of a parameter in the direction of such a value that counts.
+LEAST, PART = 1e-6, 1e-3
 #: Correlation from which two parameters are named together.
 CORRELATED = 0.95
 #: Share of the bounds' range that counts as at a bound.
@@ -123,7 +124,9 @@ def knowledge(
     inverse = np.where(seen, 1 / np.where(seen, singular, 1.0), np.inf)
     # A parameter with any part in an unseen direction has an infinite variance.
     with np.errstate(invalid="ignore"):
-        parts = np.where(np.abs(directions) > LEAST, directions * inverse[:, None], 0.0)
+        parts = np.where(
+            seen[:, None] | (np.abs(directions) > PART), directions * inverse[:, None], 0.0
+        )
     deviation = scatter * np.sqrt((parts**2).sum(axis=0))
     finite = np.where(np.isfinite(parts), parts, 0.0)
     covariance = finite.T @ finite

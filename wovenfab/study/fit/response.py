@@ -70,7 +70,8 @@ def computed(case: Case, targets: Sequence[Target]) -> Curve:
         with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
             if targets:
                 simulation.differentiate(targets, dissipation=False)
-            steps.extend(simulation.steps())
+            # Where a step was cut, others lie between: they would change the interpolation.
+            steps.extend(step for step in simulation.steps() if step.milestone is not None)
     except (CaseError, StepFailedError, StabilityLostError) as error:
         raise TrialError(str(error)) from error
     none = np.zeros(len(targets))
@@ -168,7 +169,7 @@ def _along(
         at = np.clip(at - step, u[0], u[-1])
         if np.abs(step).max(initial=0.0) < 1e-12 * np.ptp(u):
             break
-    steep = force(at, 1)
+    steep = np.where((at > u[0]) & (at < u[-1]), force(at, 1), 0.0)
     softer = 1 + compliance * steep
     columns, material = [], 0
     for unknown in unknowns:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,16 +21,17 @@ from wovenfab.study.fit.response import Comparison, Curve, TrialError, compared,
 from wovenfab.study.runner import Store, fingerprint
 
 Array = NDArray[np.float64]
-#: Changes of the parameters and slopes that end the search.
-TOLERANCES = {"xtol": 1e-4, "gtol": 1e-8}
-#: Relative change of the sum of squares that ends the first stage, and the second one.
-CHANGE = 0.05, 0.01
+#: Changes of the parameters, of the sum of squares and slopes that end the search in any case.
+TOLERANCES = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-8}
+#: Distance from the solution that ends the first stage, and the second one: the part of the
+#: residuals that a linear step would remove over the rest, each by its degrees of freedom (Bates
+#: and Watts, Technometrics 23 (1981) 179-183, doi:10.1080/00401706.1981.10486260). At 1 the
+#: solution is as far away as the ends of a confidence region.
+NEAR = 1.0, 0.3
 #: First trust region of both stages, in scaled parameters: by factors of 3 and of 1.35.
 REGION = 1.1, 0.3
 #: Runs of the first stage: size of their cells and number of their steps over those of the case.
 COARSE = 2.0, 0.5
-#: Largest degree of elements.
-MOST_DEGREE = 4
 #: Largest number of trials.
 MOST_TRIALS = 40
 #: Residual of a run that failed, over the largest one before.
@@ -89,6 +90,7 @@ class Found:
         trials: All that were tried.
         converged: Whether the search ended by itself.
         reason: In words.
+        error: Estimated error of the curves by cells and steps, over the largest force.
     """
 
     values: Mapping[str, float]
@@ -96,6 +98,7 @@ class Found:
     trials: tuple[Trial, ...]
     converged: bool
     reason: str
+    error: float
 
 
 class Objective:
@@ -113,8 +116,8 @@ class Objective:
         self,
         fit: Fit,
         folder: Path,
-        jobs: int,
-        report: Callable[[Trial], None] = lambda trial: None,
+        jobs: int = 1,
+        report: Callable[[Trial], None] = _ignore,
     ) -> None:
         """Start the processes, if there are several tests.
 
@@ -260,14 +263,20 @@ def search(objective: Objective, fit: Fit) -> Found:
         TrialError: No run came to its end at the start.
     """
     objective.coarse = True
-    values, *_ = _minimised(objective, fit, start_values(objective, fit), 0)
+    near, coarse, _, _ = _minimised(objective, fit, start_values(objective, fit), 0)
     objective.coarse = False
-    values, done, converged, reason = _minimised(objective, fit, values, 1)
-    return Found(values, done, tuple(objective.trials), converged, reason)
+    first: list[Evaluation] = []
+    values, done, converged, reason = _minimised(objective, fit, near, 1, first)
+    error = _error(first[0], coarse)
+    return Found(values, done, tuple(objective.trials), converged, reason, error)
 
 
 def _minimised(
-    objective: Objective, fit: Fit, start: Mapping[str, float], stage: int
+    objective: Objective,
+    fit: Fit,
+    start: Mapping[str, float],
+    stage: int,
+    first: list[Evaluation] | None = None,
 ) -> tuple[dict[str, float], Evaluation, bool, str]:
     """Return values of least squares, what they give, and whether and why the search ended.
 
@@ -276,9 +285,11 @@ def _minimised(
         fit: The fit.
         start: Values to start from.
         stage: 0 for the first one, 1 for the second.
+        first: Gets what the start gives.
     """
     region = REGION[stage]
     evaluated: dict[bytes, Evaluation | None] = {}
+    first = [] if first is None else first
     origin = objective.scaled(start)  # scipy's first trust region is 1 around zero
 
     def values_at(q: Array) -> dict[str, float]:
@@ -287,7 +298,9 @@ def _minimised(
     def at(q: Array) -> Evaluation | None:
         key = q.tobytes()
         if key not in evaluated:
-            evaluated[key] = objective.attempt(values_at(q))
+            evaluated[key] = done = objective.attempt(values_at(q))
+            if done is not None:
+                first.append(done)
         return evaluated[key]
 
     def residuals(q: Array) -> Array:
@@ -302,6 +315,8 @@ def _minimised(
     def jacobian(q: Array) -> Array:
         done = at(q)
         assert done is not None
+        if offset(done.residuals, done.jacobian[:, (q > low) & (q < high)]) <= NEAR[stage]:
+            raise _NearEnoughError(q)
         return region * done.jacobian
 
     low, high = (
@@ -310,29 +325,48 @@ def _minimised(
     )
     margin = 1e-9 * (high - low)
     inside = np.clip(np.zeros_like(origin), low + margin, high - margin)
-    result = least_squares(
-        residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_TRIALS,
-        ftol=CHANGE[stage], **TOLERANCES,
-    )  # fmt: skip
-    done = at(result.x)
+    try:
+        result = least_squares(
+            residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_TRIALS, **TOLERANCES
+        )
+        q, converged, reason = result.x, result.status > 0, str(result.message)
+    except _NearEnoughError as near:
+        q, converged, reason = near.q, True, "the residuals are near to their smallest"
+    done = at(q)
     assert done is not None
-    return values_at(result.x), done, result.status > 0, str(result.message)
+    return values_at(q), done, converged, reason
 
 
-def discretisation_error(fit: Fit, found: Found) -> float:
-    """Return the distance of the fitted curves from finer ones, over the largest measured force.
+class _NearEnoughError(Exception):
+    """Ends the search where its linear steps change nothing of weight."""
 
-    Root mean square, with elements of one degree more (or smaller cells) and twice the steps.
+    def __init__(self, q: Array) -> None:
+        super().__init__()
+        self.q = q
+
+
+def offset(residuals: Array, jacobian: Array) -> float:
+    """Return the relative offset of Bates and Watts; zero without parameters that may move.
+
+    Args:
+        residuals: Shape (n,).
+        jacobian: Their derivatives, shape (n, p).
     """
-    finer = []
-    for test, comparison in zip(fit.tests, found.evaluation.comparisons, strict=True):
-        case = with_values(test.case, fit.unknowns, found.values)
-        degree, size = case.discretisation.degree, case.discretisation.mesh_size
-        if degree < MOST_DEGREE:
-            case = with_elements(case, degree=degree + 1)
-        elif size:
-            case = with_elements(case, mesh_size=size / 2)
-        case = with_steps(case, 2.0, case.time.tolerance)
-        again = compared(test, computed(case, []), (), found.values)
-        finer.append(replace(again, measured=comparison.force))
-    return misfit(finer)
+    n, p = jacobian.shape
+    if not p or n <= p:
+        return 0.0
+    basis, _ = np.linalg.qr(jacobian)
+    along = basis.T @ residuals
+    rest = residuals @ residuals - along @ along
+    return float(np.sqrt((along @ along / p) / max(float(rest) / (n - p), 1e-300)))
+
+
+def _error(full: Evaluation, coarse: Evaluation) -> float:
+    """Return the estimated error of the full runs by cells and steps, over the largest force.
+
+    Root mean square. An error falls at least with the square of the size of cells and steps, so
+    that it is at most a third of the distance from runs with both twice as large.
+    """
+    pairs = zip(full.comparisons, coarse.comparisons, strict=True)
+    parts = [(a.force - b.force) / np.abs(a.measured).max() for a, b in pairs]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)) / (COARSE[0] ** 2 - 1))
