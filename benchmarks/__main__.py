@@ -11,6 +11,7 @@ from benchmarks.cold_start import cold_start
 from benchmarks.default import default
 from benchmarks.effects import cost_of_effects
 from benchmarks.figure import Figure, Section
+from benchmarks.gradients import gradients
 from benchmarks.growth import growth
 from benchmarks.textbook import textbook
 
@@ -19,6 +20,7 @@ SECTIONS: Mapping[str, Section] = {
     "effects": cost_of_effects,
     "default": default,
     "checkpoints": checkpoints,
+    "gradients": gradients,
     "assembly": assembly,
     "textbook": textbook,
     "growth": growth,

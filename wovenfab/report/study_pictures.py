@@ -184,5 +184,5 @@ def draw_sensitivities(
         axes.set_xlabel("time (s)")
         figure.suptitle("One per cent more of each parameter", fontsize=10)
         handles, names = axes.get_legend_handles_labels()
-        figure.legend(handles, names, loc="outside right center", fontsize=7)
+        figure.legend(handles, names, loc="outside right upper", fontsize=7)
         return save(figure, path)

@@ -135,9 +135,6 @@ class FitFile(Section):
     """What is sought: effect.parameter, effect.parameter[1] of one family, or one of the machine:
     machine.compliance, machine.displacement, machine.force."""
 
-    profile: tuple[str, ...] = ()
-    """Parameters whose profile likelihood is computed."""
-
 
 @dataclass(frozen=True)
 class Unknown:
@@ -190,14 +187,12 @@ class Fit:
         name: Name of the file without its suffix.
         tests: The tests.
         unknowns: The parameters.
-        profile: Names of those with a profile likelihood.
     """
 
     title: str
     name: str
     tests: tuple[MeasuredTest, ...]
     unknowns: tuple[Unknown, ...]
-    profile: tuple[str, ...]
 
 
 def read_fit(path: Path) -> Fit:
@@ -220,14 +215,10 @@ def read_fit(path: Path) -> Fit:
         except ValueError as error:
             message, _, remedy = str(error).partition("|")
             problems.append(document.problem(("parameters", name), message, remedy))
-    for name in given.profile:
-        if name not in given.parameters:
-            remedy = near_miss(name, given.parameters)
-            problems.append(document.problem(("profile",), f"{name!r} is not sought", remedy))
     problems += _untold(document, unknowns, tests)
     if problems:
         raise CaseError(problems)
-    return Fit(given.title, path.stem, tests, tuple(unknowns), given.profile)
+    return Fit(given.title, path.stem, tests, tuple(unknowns))
 
 
 def _test(test: Test) -> MeasuredTest:

@@ -21,8 +21,11 @@ from wovenfab.study.fit.response import Comparison, Curve, TrialError, compared,
 from wovenfab.study.runner import Store, fingerprint
 
 Array = NDArray[np.float64]
-#: Changes of the parameters, of the sum of squares and slopes that end the search in any case.
-TOLERANCES = {"xtol": 1e-4, "ftol": 1e-4, "gtol": 1e-8}
+#: Changes of the parameters and slopes that end the search in any case.
+TOLERANCES = {"xtol": 1e-4, "gtol": 1e-8}
+#: Largest relative change of the sum of squares that ends it. With n points it is 1/n at most, the
+#: change by which one standard error of a parameter raises it.
+CHANGE = 0.02
 #: Distance from the solution that ends the first stage, and the second one: the part of the
 #: residuals that a linear step would remove over the rest, each by its degrees of freedom (Bates
 #: and Watts, Technometrics 23 (1981) 179-183, doi:10.1080/00401706.1981.10486260). At 1 the
@@ -325,10 +328,12 @@ def _minimised(
     )
     margin = 1e-9 * (high - low)
     inside = np.clip(np.zeros_like(origin), low + margin, high - margin)
+    points = sum(test.measured.force.size for test in fit.tests)
     try:
         result = least_squares(
-            residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_TRIALS, **TOLERANCES
-        )
+            residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_TRIALS,
+            ftol=min(CHANGE, 1 / points), **TOLERANCES,
+        )  # fmt: skip
         q, converged, reason = result.x, result.status > 0, str(result.message)
     except _NearEnoughError as near:
         q, converged, reason = near.q, True, "the residuals are near to their smallest"
