@@ -22,7 +22,7 @@ from itertools import repeat
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-CASES = sorted((ROOT / "configs").rglob("*.yaml"))
+CASES = sorted(p for p in (ROOT / "configs").rglob("*.yaml") if not p.stem.endswith("-fit"))
 COUNT, SECONDS, BYTES = 2000, 10.0, 500e6
 #: Which share of the accepted files is run, for how long (s), and how a run may end: done, refused,
 #: a step that cannot be made, told to end (also after its last step).

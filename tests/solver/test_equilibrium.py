@@ -161,7 +161,7 @@ def test_an_exception_restores_what_is_overwritten_for_a_moment(
     monkeypatch.setattr(type(equilibrium.problem), "energy", fail)
     monkeypatch.setattr(type(equilibrium.problem), "evaluate_tangent", fail)
     monkeypatch.setattr(TangentSpectrum, "saddle", True)
-    monkeypatch.setattr(newton._search, "along", lambda *_, **__: 0.5)
+    monkeypatch.setattr(newton.line_search, "along", lambda *_, **__: 0.5)
     for attempt in (model.stored_energy, lambda: newton.search_line(x, y, 1.0)):
         with pytest.raises(MemoryError):
             attempt()

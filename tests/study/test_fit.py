@@ -136,7 +136,7 @@ def test_a_noisy_curve_gives_intervals_that_hold_the_truth(seed: int, tmp_path: 
 
 def test_a_parameter_without_effect_is_named(tmp_path: Path) -> None:
     case = CASE.replace("bending: {stiffness: 2 N*m}", "bending: {stiffness: 1e-9 N*m}")
-    text = FIT + "  bending.stiffness: {start: 1e-9 N*m}\n"
+    text = FIT.replace("0.2 %", "0.05 %") + "  bending.stiffness: {start: 1e-9 N*m}\n"
     fit = read_fit(place(tmp_path, text, case, curve_of(tmp_path)))
     values = {**TRUTH, "bending.stiffness": 1e-9}
     with Objective(fit, tmp_path / "runs") as objective:
