@@ -262,7 +262,8 @@ def _varied(
 if TYPE_CHECKING:
     from wovenfab.study.fit.fit_file import Fit
     from wovenfab.study.fit.knowledge import Knowledge
-    from wovenfab.study.fit.search import Found, Trial
+    from wovenfab.study.fit.objective import Trial
+    from wovenfab.study.fit.search import Found
 
 
 def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
@@ -273,8 +274,9 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
         return BAD_INPUT
     from wovenfab.study.fit.fit_file import read_fit
     from wovenfab.study.fit.knowledge import in_words, knowledge
+    from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.response import BranchError, TrialError
-    from wovenfab.study.fit.search import Objective, search
+    from wovenfab.study.fit.search import search
 
     fit = read_fit(path)
     directory = output or Path("results") / fit.name
@@ -304,19 +306,24 @@ def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
 
 
 def _headlines(found: Found) -> list[str]:
-    trials = found.trials
-    fine = [t for t in trials if not t.coarse]
-    misfit = next(t.misfit for t in reversed(fine) if t.values == found.values)
+    misfit, spent = found.evaluation.misfit, sum(t.seconds for t in found.trials)
+    fine = [t for t in found.trials if not t.coarse]
+    if isfinite(found.error):
+        size = "as the cases say" if found.scale == 1 else f"of {found.scale:.2f} of their sizes"
+        cells = (
+            f"Cells and steps ({size}) change the curves by about {100 * found.error:.2g} %, "
+            f"{'less' if found.error <= 0.1 * misfit else 'more'} than a tenth of that."
+        )
+    else:
+        cells = "What cells and steps change is not known: files give both."
     lines = [
         f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
-        f"square), after {len(trials)} trials, {len(trials) - len(fine)} of them coarse, in "
-        f"{duration(sum(t.seconds for t in trials))}.",
-        f"Cells and steps change the curves by about {100 * found.error:.2f} %, "
-        + ("less" if found.error <= 0.1 * misfit else "more")
-        + " than a tenth of that.",
+        f"square), after {len(found.trials) - len(fine)} coarse trials and {len(fine)} fine ones, "
+        f"in {duration(spent)}, the time of {spent / fine[-1].seconds:.1f} runs like the last one.",
+        cells,
     ]
     if not found.converged:
-        lines.append(f"The search has not converged: {found.reason}.")
+        lines.append("The search has not converged: fine runs do not get better any more.")
     return lines
 
 
@@ -324,7 +331,7 @@ def _reporter(console: Console, fit: Fit) -> Any:
     def report(trial: Trial) -> None:
         values = ", ".join(f"{u.name} {trial.values[u.name]:.4g}" for u in fit.unknowns)
         how = f"failed: {trial.failure}" if trial.failure else f"misfit {100 * trial.misfit:.3f} %"
-        runs = "coarse" if trial.coarse else "full"
+        runs = "coarse" if trial.coarse else "fine"
         console.say(f"trial {trial.number} ({runs}, {trial.seconds:.1f} s): {how}; {values}")
 
     return report

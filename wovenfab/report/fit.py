@@ -27,7 +27,8 @@ from wovenfab.report.style import (
 )
 from wovenfab.study.fit.fit_file import Fit
 from wovenfab.study.fit.knowledge import Interval, Knowledge, in_words
-from wovenfab.study.fit.search import Evaluation, Found
+from wovenfab.study.fit.objective import Evaluation
+from wovenfab.study.fit.search import Found
 
 PAGE, PICTURE = "fit.html", "fit.png"
 
@@ -164,7 +165,7 @@ def draw_trials(axes: Axes, found: Found) -> None:
         chosen = [t for t in found.trials if t.coarse == coarse and not t.failure]
         axes.plot(
             [t.number for t in chosen], [100 * t.misfit for t in chosen], "o-", color=colour,
-            markersize=4, label="coarse" if coarse else "as the cases say",
+            markersize=4, label="coarse" if coarse else "fine",
         )  # fmt: skip
     axes.set_yscale("log")
     plain_ticks(axes.yaxis)
@@ -197,12 +198,18 @@ def singular_table(fit: Fit, known: Knowledge) -> Table:
 def trial_table(fit: Fit, found: Found) -> Table:
     """Return the table of trials."""
     rows = [
-        [f"{t.number}", "coarse" if t.coarse else "full",
+        [f"{t.number}", f"{t.scale:g}",
          *(f"{t.values[u.name]:.4g}" for u in fit.unknowns),
          t.failure or f"{100 * t.misfit:.3g}", f"{t.seconds:.1f}"]
         for t in found.trials
     ]  # fmt: skip
-    head = ["", "runs", *(f"{u.name} ({u.unit})" for u in fit.unknowns), "misfit (%)", "time (s)"]
+    head = [
+        "",
+        "cells, steps",
+        *(f"{u.name} ({u.unit})" for u in fit.unknowns),
+        "misfit (%)",
+        "time (s)",
+    ]
     return Table("Trials", head, rows)
 
 

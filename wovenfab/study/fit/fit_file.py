@@ -126,6 +126,10 @@ class FitFile(Section):
     title: str = ""
     """One line for people."""
 
+    refine: bool = True
+    """Whether cells and steps become smaller than those of the cases where their error is more than
+    a tenth of the misfit."""
+
     tests: tuple[Test, ...] = Field(min_length=1)
     """The tests."""
 
@@ -187,12 +191,14 @@ class Fit:
         name: Name of the file without its suffix.
         tests: The tests.
         unknowns: The parameters.
+        refine: Whether runs may be finer than the cases say.
     """
 
     title: str
     name: str
     tests: tuple[MeasuredTest, ...]
     unknowns: tuple[Unknown, ...]
+    refine: bool = True
 
 
 def read_fit(path: Path) -> Fit:
@@ -207,7 +213,11 @@ def read_fit(path: Path) -> Fit:
     except ValidationError as error:
         raise CaseError(problems_in(error, document, FitFile.model_json_schema())) from error
     tests = tuple(_test(test) for test in given.tests)
-    problems: list[Problem] = []
+    problems: list[Problem] = [
+        test.case.problem("accuracy", "a fit chooses cells and steps itself", "Leave it out.")
+        for test in tests
+        if test.case.accuracy is not None
+    ]
     unknowns = []
     for name, sought in given.parameters.items():
         try:
@@ -218,7 +228,7 @@ def read_fit(path: Path) -> Fit:
     problems += _untold(document, unknowns, tests)
     if problems:
         raise CaseError(problems)
-    return Fit(given.title, path.stem, tests, tuple(unknowns))
+    return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine)
 
 
 def _test(test: Test) -> MeasuredTest:

@@ -1,0 +1,212 @@
+"""Residuals of all tests and their derivatives, for given values of the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.case import Case
+from wovenfab.simulation.response import with_elements, with_steps
+from wovenfab.study.fit.fit_file import Fit, with_values
+from wovenfab.study.fit.response import Comparison, Curve, TrialError, compared, computed
+from wovenfab.study.runner import Store, fingerprint
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Values that were tried.
+
+    Attributes:
+        number: From 1.
+        scale: Size of cells and steps over those of the cases.
+        values: Of the parameters, in SI units.
+        misfit: Root mean square of the distances, over the largest measured force, of all tests.
+        seconds: Wall time of its runs, one after the other.
+        failure: Why it was rejected; empty if its runs came to their ends.
+    """
+
+    number: int
+    scale: float
+    values: Mapping[str, float]
+    misfit: float
+    seconds: float
+    failure: str = ""
+
+    @property
+    def coarse(self) -> bool:
+        """Whether cells and steps were larger than those of the cases."""
+        return self.scale > 1
+
+
+def _ignore(trial: Trial) -> None:
+    """Do nothing."""
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """Residuals of all tests.
+
+    Attributes:
+        residuals: Distances over the error of a force, all tests after each other.
+        jacobian: Their derivatives by the scaled parameters.
+        curves: Computed curve of each test.
+        comparisons: What was compared, by test.
+    """
+
+    residuals: Array
+    jacobian: Array
+    curves: tuple[Curve, ...]
+    comparisons: tuple[Comparison, ...]
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of the distances, each over its test's largest measured force."""
+        parts = [(c.force - c.measured) / np.abs(c.measured).max() for c in self.comparisons]
+        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+
+
+class Objective:
+    """Evaluates residuals and their derivatives; a context manager, which ends its processes.
+
+    Scaled parameters are logarithms where the search steps by factors, else values over the width
+    of their bounds.
+
+    Attributes:
+        trials: All so far.
+    """
+
+    def __init__(
+        self,
+        fit: Fit,
+        folder: Path,
+        jobs: int = 1,
+        report: Callable[[Trial], None] = _ignore,
+    ) -> None:
+        """Start the processes, if there are several tests.
+
+        Args:
+            fit: The fit.
+            folder: For the curves that are computed: a fit that is repeated finds them there.
+            jobs: Number of runs side by side.
+            report: Called with each trial.
+        """
+        self._fit, self._report, self._stack = fit, report, ExitStack()
+        self._store = Store(folder)
+        jobs = min(jobs, len(fit.tests))
+        self._pool: ProcessPoolExecutor | None = None
+        if jobs > 1:
+            pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+            self._pool = self._stack.enter_context(pool)
+        self.trials: list[Trial] = []
+        self._evaluated: dict[str, Evaluation | None] = {}
+
+    def __enter__(self) -> Objective:
+        """Return the objective itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the processes."""
+        self._stack.close()
+
+    def scaled(self, values: Mapping[str, float]) -> Array:
+        """Return scaled parameters."""
+        pairs = ((u, values[u.name]) for u in self._fit.unknowns)
+        return np.array([np.log(v) if u.by_factors else v / np.ptp(u.bounds) for u, v in pairs])
+
+    def values(self, scaled: Array) -> dict[str, float]:
+        """Return values in SI units."""
+        pairs = zip(self._fit.unknowns, scaled, strict=True)
+        raw = ((u, np.exp(q) if u.by_factors else q * np.ptp(u.bounds)) for u, q in pairs)
+        return {u.name: float(np.clip(v, *u.bounds)) for u, v in raw}
+
+    def slopes(self, values: Mapping[str, float]) -> Array:
+        """Return the derivatives of values by scaled parameters."""
+        pairs = ((u, values[u.name]) for u in self._fit.unknowns)
+        return np.array([v if u.by_factors else np.ptp(u.bounds) for u, v in pairs])
+
+    def evaluate(self, values: Mapping[str, float], scale: float = 1.0) -> Evaluation:
+        """Return residuals and derivatives.
+
+        Args:
+            values: Of the parameters, in SI units.
+            scale: Size of cells and steps over those of the cases.
+
+        Raises:
+            TrialError: A run did not come to its end.
+        """
+        fit = self._fit
+        curves = self._curves(values, scale)
+        comparisons, residuals, rows = [], [], []
+        for test, curve in zip(fit.tests, curves, strict=True):
+            c = compared(test, curve, fit.unknowns, values)
+            factor = np.sqrt(test.weight) / test.error
+            comparisons.append(c)
+            residuals.append(factor * (c.force - c.measured))
+            rows.append(factor * c.slopes)
+        jacobian = np.concatenate(rows) * self.slopes(values)
+        return Evaluation(np.concatenate(residuals), jacobian, tuple(curves), tuple(comparisons))
+
+    def attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
+        """Return the same, and None where a run failed; a new trial is noted."""
+        key = f"{scale} " + " ".join(f"{value:.12e}" for value in values.values())
+        if key not in self._evaluated:
+            self._evaluated[key] = self._first_attempt(values, scale)
+        return self._evaluated[key]
+
+    def _first_attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
+        number = len(self.trials) + 1
+        try:
+            done = self.evaluate(values, scale)
+        except TrialError as error:
+            self._note(Trial(number, scale, values, np.nan, 0.0, str(error)))
+            return None
+        seconds = sum(curve.seconds for curve in done.curves)
+        self._note(Trial(number, scale, values, done.misfit, seconds))
+        return done
+
+    def _note(self, trial: Trial) -> None:
+        self.trials.append(trial)
+        self._report(trial)
+
+    def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
+        fit = self._fit
+        targets = [u.target for u in fit.unknowns if u.target is not None]
+        cases = [at_scale(with_values(t.case, fit.unknowns, values), scale) for t in fit.tests]
+        marks = [fingerprint(case) for case in cases]
+        stored = [self._load(mark) for mark in marks]
+        waiting = [i for i, curve in enumerate(stored) if curve is None]
+        if self._pool:
+            futures = {i: self._pool.submit(computed, cases[i], targets) for i in waiting}
+            fresh = {i: future.result() for i, future in futures.items()}
+        else:
+            fresh = {i: computed(cases[i], targets) for i in waiting}
+        for i, curve in fresh.items():
+            as_lists = {k: np.asarray(v).tolist() for k, v in asdict(curve).items()}
+            self._store.save(marks[i], marks[i], as_lists)
+        return [curve if curve else fresh[i] for i, curve in enumerate(stored)]
+
+    def _load(self, mark: str) -> Curve | None:
+        data: Any = self._store.load(mark, mark)
+        if data is None:
+            return None
+        u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
+        return Curve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+
+
+def at_scale(case: Case, scale: float) -> Case:
+    """Return a case with larger or smaller cells and steps; those given by files stay."""
+    if scale == 1:
+        return case
+    size = case.discretisation.mesh_size
+    other = with_elements(case, mesh_size=scale * size) if size else case
+    return with_steps(other, 1 / scale, case.time.tolerance)
