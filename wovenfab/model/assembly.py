@@ -206,9 +206,11 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
 def _remove_unfinished(folder: Path, lock: TextIO, alone: int) -> None:
     """Remove the kernels that a killed process left unfinished, once no other one compiles."""
     fcntl.flock(lock, alone)
-    for source in folder.glob("*.c"):
-        if not source.with_suffix(".c.cached").exists():
-            source.unlink(missing_ok=True)
+    with os.scandir(folder) as entries:  # one look at it: it may hold thousands of kernels
+        names = {entry.name for entry in entries}
+    for name in names:
+        if name.endswith(".c") and f"{name}.cached" not in names:
+            (folder / name).unlink(missing_ok=True)
 
 
 def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:

@@ -23,22 +23,25 @@ from wovenfab.study.fit.response import TrialError
 Array = NDArray[np.float64]
 #: Changes of the parameters and slopes that end a search with coarse runs in any case.
 TOLERANCES = {"xtol": 1e-4, "gtol": 1e-8}
-#: Largest relative change of the sum of squares that ends it. With n points it is 1/n at most, the
-#: change by which one standard error of a parameter raises it.
-CHANGE = 0.02
+#: Relative change of the sum of squares that ends a first one, and one with corrected runs.
+CHANGE = 0.1, 1e-3
 #: Distance from the solution that ends the search: the part of the residuals that a linear step
 #: would remove over the rest, each by its degrees of freedom (Bates and Watts, Technometrics 23
 #: (1981) 179-183, doi:10.1080/00401706.1981.10486260). At 1 the solution is as far away as the
 #: ends of a confidence region.
 NEAR = 0.3
+#: The same for the first search, with coarse runs that are not corrected yet.
+FIRST_NEAR = 1.0
 #: Linear step, in scaled parameters, that ends it in any case: curves without noise leave no rest.
 LEAST_STEP = 3e-4
 #: First trust region of a search with coarse runs, in scaled parameters: by factors of 3, and of
 #: 1.35 once they are corrected. Share of it after fine runs that got worse.
 REGION, LESS = (1.1, 0.3), 0.3
-#: Size of cells and steps of the coarse runs over those of the cases, and the smallest and the
-#: largest one of runs that are finer than the cases say.
-COARSE, FINE = 2.0, (0.6, 0.75)
+#: Size of cells and steps of coarse runs over those of the cases, and of runs that are finer.
+COARSE, FINER = 2.0, 0.7
+#: Orders at which the error of cells and steps may fall: the first where friction begins between
+#: two steps, the second where all is smooth.
+ORDERS = 1.0, 2.0
 #: Part of the misfit that the error by cells and steps may have.
 SHARE = 0.1
 #: Residual of a run that failed, over the largest one before.
@@ -112,26 +115,24 @@ def search(objective: Objective, fit: Fit) -> Found:
         TrialError: No run came to its end at the start.
     """
     values, coarse = _minimised(objective, fit, start_values(objective, fit), REGION[0])
-    best = _tried(objective, values, 1.0)
-    scale, error = 1.0, _error(best, coarse, 1.0, COARSE)
-    if fit.refine and error > SHARE * best.misfit:
-        scale = float(np.clip(SHARE * best.misfit / error, *FINE))
-        as_said, best = best, _tried(objective, values, scale)
-        error = _error(best, as_said, scale, 1.0)
-    region, near = REGION[1], _is_near(objective, fit, values, best)
-    correction = _correction(objective, values, best, coarse)
+    best, scale, region = _tried(objective, values, 1.0), 1.0, REGION[1]
+    error = _error(best, coarse)
     for _ in range(MOST_FINE):
-        if near:
-            break
-        other, coarse = _minimised(objective, fit, values, region, correction)
+        correction = _correction(objective, values, best, coarse)
+        if near := _is_near(objective, fit, values, best):
+            if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
+                break
+            scale, as_said, best = FINER, best, _tried(objective, values, FINER)
+            error = _error(as_said, coarse, best)
+            continue
+        other, beside = _minimised(objective, fit, values, region, correction)
         done = objective.attempt(other, scale)
         if done is None or _square(done) > _square(best):
             region *= LESS
-            near = done is not None and _square(done) < (1 + CHANGE) * _square(best)
             continue
-        values, best = other, done
-        near = _is_near(objective, fit, values, best)
-        correction = _correction(objective, values, best, coarse)
+        values, best, coarse = other, done, beside
+        if scale == 1:
+            error = _error(best, coarse)
     return Found(values, best, tuple(objective.trials), scale, near, error)
 
 
@@ -211,7 +212,8 @@ def _minimised(
     def jacobian(q: Array) -> Array:
         done = at(q)
         assert done is not None
-        if is_near(done[0], done[1][:, (q > low) & (q < high)]):
+        near = NEAR if correction else FIRST_NEAR
+        if is_near(done[0], done[1][:, (q > low) & (q < high)], near):
             raise _NearEnoughError(q)
         return region * done[1]
 
@@ -221,11 +223,10 @@ def _minimised(
     )
     margin = 1e-9 * (high - low)
     inside = np.clip(np.zeros_like(origin), low + margin, high - margin)
-    points = sum(test.measured.force.size for test in fit.tests)
     try:
         q = least_squares(
             residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_COARSE,
-            ftol=min(CHANGE, 1 / points), **TOLERANCES,
+            ftol=CHANGE[1 if correction else 0], **TOLERANCES,
         ).x  # fmt: skip
     except _NearEnoughError as near:
         q = near.q
@@ -242,14 +243,15 @@ class _NearEnoughError(Exception):
         self.q = q
 
 
-def is_near(residuals: Array, jacobian: Array) -> bool:
+def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
     """Return whether the solution is near: by the relative offset, or by the linear step.
 
     Args:
         residuals: Shape (n,).
         jacobian: Their derivatives by the scaled parameters that may move, shape (n, p).
+        near: Relative offset that is near.
     """
-    if offset(residuals, jacobian) <= NEAR:
+    if offset(residuals, jacobian) <= near:
         return True
     step = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
     return bool(np.abs(step).max() <= LEAST_STEP)
@@ -271,14 +273,30 @@ def offset(residuals: Array, jacobian: Array) -> float:
     return float(np.sqrt((along @ along / p) / max(float(rest) / (n - p), 1e-300)))
 
 
-def _error(fine: Evaluation, coarse: Evaluation, scale: float, larger: float) -> float:
-    """Return the estimated error of fine runs by cells and steps, over the largest force.
+def _error(as_said: Evaluation, coarse: Evaluation, finer: Evaluation | None = None) -> float:
+    """Return the estimated error by cells and steps, root mean square over the largest force.
 
-    Root mean square. An error falls at least in proportion with the size of cells and steps: that
-    slowly where friction begins between two steps. Nan where files give both, so that nothing
-    changes.
+    Three sizes tell the order at which it falls, two of them only the distance: the order is then
+    taken as the lowest. Nan where files give cells and steps, so that nothing changes.
+
+    Args:
+        as_said: Runs of the cases.
+        coarse: Coarse runs with the same values.
+        finer: Finer ones, whose error is wanted; None for that of the runs of the cases.
     """
-    pairs = zip(fine.comparisons, coarse.comparisons, strict=True)
-    parts = [(a.force - b.force) / np.abs(a.measured).max() for a, b in pairs]
-    distance = float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
-    return distance * scale / (larger - scale) if distance else np.nan
+    larger = _distance(as_said, coarse)
+    if not larger:
+        return np.nan
+    if finer is None:
+        return larger / float(COARSE ** ORDERS[0] - 1)
+    orders = np.linspace(*ORDERS, 101)
+    ratios = (COARSE**orders - 1) / (1 - FINER**orders)
+    order = float(np.interp(larger / _distance(finer, as_said), ratios, orders))
+    return _distance(finer, as_said) / float(FINER**-order - 1)
+
+
+def _distance(a: Evaluation, b: Evaluation) -> float:
+    """Return the root mean square distance of two computed curves over the largest force."""
+    pairs = zip(a.comparisons, b.comparisons, strict=True)
+    parts = [(x.force - y.force) / np.abs(x.measured).max() for x, y in pairs]
+    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
