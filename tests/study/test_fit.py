@@ -206,7 +206,7 @@ def test_branches_that_do_not_belong_together_are_refused(tmp_path: Path) -> Non
     fit = read_fit(place(tmp_path, curve=back))
     curve = computed(fit.tests[0].case, [])
     with pytest.raises(BranchError, match="2 branches of loading and unloading"):
-        compared(fit.tests[0], curve, fit.unknowns, TRUTH)
+        compared(fit.tests[0].measured, curve, fit.unknowns, TRUTH)
 
 
 def test_few_runs_of_the_sign_are_known_as_an_error_of_the_model() -> None:
@@ -288,3 +288,39 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
     refused = subprocess.run([*command[:4], "x.yaml"], capture_output=True, text=True)
     assert refused.returncode == 2 and "there is no such file" in refused.stderr
+
+
+def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) -> None:
+    place(tmp_path, curve=curve_of(tmp_path, noise=0.002))
+    (tmp_path / "more.yaml").write_text(FIT + "  bending.stiffness: {bounds: [0.5 N*m, 8 N*m]}\n")
+    (tmp_path / "less.yaml").write_text(FIT.replace("  stretch.stiffness: {start: 2e5 N/m}\n", ""))
+    files = [str(tmp_path / name) for name in ("fit.yaml", "more.yaml", "less.yaml")]
+    command = [sys.executable, "-m", "wovenfab", "fit", *files, "-o", str(tmp_path / "out")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert "fit has the smallest BIC" in said
+    bic = {
+        name: json.loads((tmp_path / "out" / name / "fit.json").read_text())["bic"]
+        for name in ("fit", "more", "less")
+    }
+    assert bic["fit"] < bic["more"] < bic["fit"] + 6 < bic["less"]
+
+
+def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) -> None:
+    place(tmp_path, curve=curve_of(tmp_path))
+    doubled = {**TRUTH, "bending.stiffness": 2.0}
+    wrong = [f"effects.{name}={2 * value!r}" for name, value in doubled.items()]
+    call = [sys.executable, "-m", "wovenfab"]
+    for name, changes in (("same", [f"effects.{n}={v!r}" for n, v in TRUTH.items()]), ("w", wrong)):
+        options = [part for change in changes for part in ("--set", change)]
+        run = [*call, "run", str(tmp_path / "case.yaml"), "-o", str(tmp_path / name), *options]
+        subprocess.run(run, capture_output=True, check=True)
+    report = [*call, "report", str(tmp_path / "same"), str(tmp_path / "w"), "--lab"]
+    said = subprocess.run([*report, str(tmp_path / "curve.csv")], capture_output=True, text=True)
+    assert "same: 0.00 % of the largest force from curve.csv" in said.stdout
+    twice = float(said.stdout.split("w: ")[1].split(" %")[0])
+    force = np.loadtxt(tmp_path / "curve.csv", delimiter=",", skiprows=1)[:, 1]
+    assert twice == pytest.approx(100 * np.sqrt(np.mean(force**2)) / force.max(), rel=0.01)
+    assert (tmp_path / "lab.png").stat().st_size > 10_000
+    (tmp_path / "other.csv").write_text("u_mm,F_N\n0,0\n30,1\n60,2\n30,1\n0,0\n")
+    refused = subprocess.run([*report, str(tmp_path / "other.csv")], capture_output=True, text=True)
+    assert refused.returncode == 2 and "2 branches of loading" in refused.stderr

@@ -219,18 +219,21 @@ def sensitivities(
 
 @app.command()
 def fit(
-    file: Annotated[Path, typer.Argument(help="The fit file (YAML).", show_default=False)],
+    files: Annotated[
+        list[Path], typer.Argument(help="Fit files (YAML), one or more.", show_default=False)
+    ],
     output: Output = None,
     jobs: Jobs = None,
 ) -> None:
     """Find material parameters from measured curves: values, intervals, a page, the fitted case.
 
     A fit file names tests (a case and a measured file each) and the parameters to find; try
-    configs/lab/glass-plain-fit.yaml.
+    configs/lab/glass-plain-fit.yaml. Several files, such as with and without an effect, are
+    compared by their misfit and by the Bayesian information criterion.
     """
-    from wovenfab.cli.studies import fit_parameters
+    from wovenfab.cli.studies import fit_all
 
-    sys.exit(fit_parameters(file, output, jobs or os.cpu_count() or 1))
+    sys.exit(fit_all(files, output, jobs or os.cpu_count() or 1))
 
 
 @app.command()
@@ -304,11 +307,20 @@ def report(
     animation: Annotated[
         bool, typer.Option("--animation", help="One cycle in motion, too: animation.gif.")
     ] = False,
+    lab: Annotated[
+        Path | None,
+        typer.Option(
+            "--lab",
+            metavar="FILE",
+            show_default=False,
+            help="A measured curve: draw the runs over it (lab.png) and say how far they are.",
+        ),
+    ] = None,
 ) -> None:
     """Report a run from its files alone, or compare several: pages, pictures, yarns."""
     from wovenfab.cli.report import report_results
 
-    sys.exit(report_results(directories, output, animation))
+    sys.exit(report_results(directories, output, animation, lab))
 
 
 @app.command()

@@ -12,7 +12,10 @@ NOT_DRAWN = 1
 
 
 def report_results(
-    directories: Sequence[Path], output: Path | None, animation: bool = False
+    directories: Sequence[Path],
+    output: Path | None,
+    animation: bool = False,
+    lab: Path | None = None,
 ) -> int:
     """Report one run in its directory, or several on one page; return the exit code.
 
@@ -20,6 +23,7 @@ def report_results(
         directories: The results directories.
         output: The page of several runs, if not in the folder that holds them.
         animation: Whether to draw one cycle in motion, too.
+        lab: A measured curve, over which the runs are drawn.
     """
     console = Console()
     for directory in directories:
@@ -29,6 +33,8 @@ def report_results(
     if animation and len(directories) > 1:
         console.problem("--animation shows one run: name one directory")
         return BAD_INPUT
+    if lab is not None:
+        return _measured(console, directories, output, lab)
     if len(directories) > 1:
         return _compare(console, directories, output)
     if output is not None:
@@ -59,5 +65,28 @@ def _compare(console: Console, directories: Sequence[Path], output: Path | None)
     except (OSError, ValueError) as error:
         console.problem(str(error))
         return BAD_INPUT
+    console.say(str(path))
+    return 0
+
+
+def _measured(console: Console, directories: Sequence[Path], output: Path | None, lab: Path) -> int:
+    """Draw runs over a measured curve, and say how far they are from it."""
+    from wovenfab.report.fit import LAB, draw_measured
+    from wovenfab.report.pages import default_place, labels
+    from wovenfab.report.run_data import open_run_data
+    from wovenfab.study.fit.measured import read_measured
+    from wovenfab.study.fit.response import BranchError
+
+    measured = read_measured(lab)
+    place = directories[0] / LAB if len(directories) == 1 else default_place(directories)
+    path = output or place.with_name(LAB)
+    try:
+        runs = list(zip(labels(directories), map(open_run_data, directories), strict=True))
+        misfits = draw_measured(runs, measured, path)
+    except (OSError, ValueError, BranchError) as error:
+        console.problem(str(error))
+        return BAD_INPUT
+    for name, misfit in misfits:
+        console.say(f"{name}: {100 * misfit:.2f} % of the largest force from {lab.name}")
     console.say(str(path))
     return 0

@@ -266,43 +266,57 @@ if TYPE_CHECKING:
     from wovenfab.study.fit.search import Found
 
 
-def fit_parameters(path: Path, output: Path | None, jobs: int) -> int:
-    """Find the parameters that a fit file asks for; return the exit code."""
+def fit_all(paths: Sequence[Path], output: Path | None, jobs: int) -> int:
+    """Find the parameters that fit files ask for, compare several; return the exit code."""
     console = Console()
     if is_launched():
         console.problem("fit starts its own processes: start it without mpirun, with --jobs")
         return BAD_INPUT
     from wovenfab.study.fit.fit_file import read_fit
+    from wovenfab.study.fit.knowledge import models_compared
+    from wovenfab.study.fit.response import BranchError, TrialError
+
+    fits = [read_fit(path) for path in paths]
+    known = {}
+    for fit in fits:
+        directory = output or Path("results") / fit.name
+        if output and len(fits) > 1:
+            directory = output / fit.name
+        directory.mkdir(parents=True, exist_ok=True)
+        try:
+            known[fit.name] = _fit(console, fit, directory, jobs)
+        except (TrialError, BranchError) as failure:
+            console.problem(str(failure))
+            return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
+        except KeyboardInterrupt:
+            there = f"{directory} has what is done"
+            console.problem(f"interrupted; to go on, repeat the command ({there})")
+            return INTERRUPTED
+    if len(known) > 1:
+        console.say("\n".join(["", *models_compared(known)]))
+    return 0
+
+
+def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
+    """Find the parameters of one fit, write and print what is known of them."""
+    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
     from wovenfab.study.fit.knowledge import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
-    from wovenfab.study.fit.response import BranchError, TrialError
     from wovenfab.study.fit.search import search
 
-    fit = read_fit(path)
-    directory = output or Path("results") / fit.name
-    directory.mkdir(parents=True, exist_ok=True)
-    console.say(f"{len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
-    try:
-        with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
-            found = search(objective, fit)
-    except (TrialError, BranchError) as failure:
-        console.problem(str(failure))
-        return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
-    except KeyboardInterrupt:
-        console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
-        return INTERRUPTED
+    console.say(f"{fit.name}: {len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
+    with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
+        found = search(objective, fit)
     e = found.evaluation
     known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
     notes = [*_headlines(found), *in_words(known, fit)]
     _write(fit, found, known, notes, directory)
-    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
-
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, notes, directory / PAGE)
     for i in known.intervals:
         console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  (95 %: {i.low:.4g} to {i.high:.4g})")
     console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
-    return 0
+    return known
 
 
 def _headlines(found: Found) -> list[str]:
@@ -348,6 +362,7 @@ def _write(fit: Fit, found: Found, known: Knowledge, notes: list[str], directory
         "singular_values": known.singular_values.tolist(),
         "directions": known.directions.tolist(),
         "scatter": known.scatter,
+        "bic": known.bic,
         "tests": [
             {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
             for test, f in zip(fit.tests, known.fidelity, strict=True)

@@ -13,6 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from wovenfab.record.results import this_process
 from wovenfab.report.page_blocks import Block, Section, Table, Text, section, vector, write_page
+from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
     APART,
     INK,
@@ -27,10 +28,12 @@ from wovenfab.report.style import (
 )
 from wovenfab.study.fit.fit_file import Fit
 from wovenfab.study.fit.knowledge import Interval, Knowledge, in_words
+from wovenfab.study.fit.measured import Measured
 from wovenfab.study.fit.objective import Evaluation
+from wovenfab.study.fit.response import compared, curve_of_history
 from wovenfab.study.fit.search import Found
 
-PAGE, PICTURE = "fit.html", "fit.png"
+PAGE, PICTURE, LAB = "fit.html", "fit.png", "lab.png"
 
 
 def draw_fit(fit: Fit, found: Found, known: Knowledge, path: Path) -> Path:
@@ -55,6 +58,43 @@ def write_fit_page(
     return write_page(
         path, fit.title or fit.name, notes, figures, _sections(fit, found, known), this_process()
     )
+
+
+def draw_measured(
+    runs: Sequence[tuple[str, RunData]], measured: Measured, path: Path
+) -> list[tuple[str, float]]:
+    """Draw runs over a measured curve; return the name and misfit of each.
+
+    Args:
+        runs: Runs with their names.
+        measured: The measured curve.
+        path: Of the picture.
+
+    Raises:
+        BranchError: A run does not turn as often as the measured curve.
+    """
+    misfits = []
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+        unit = readable("N", float(np.abs(measured.force).max()))
+        shown = (1e3 * measured.displacement, unit.factor * measured.force)
+        upper.plot(*shown, "o", color=QUIET, markersize=3, label=measured.file.name)
+        for i, (name, run) in enumerate(runs):
+            u, f = run.history["displacement_m"], run.history["force_N"]
+            comparison, colour = compared(measured, curve_of_history(u, f)), APART[i % len(APART)]
+            misfits.append((name, comparison.misfit))
+            label = f"{name}: {100 * comparison.misfit:.2g} %"
+            upper.plot(1e3 * u, unit.factor * f, color=colour, label=label)
+            at = 1e3 * measured.displacement[comparison.rows]
+            lower.plot(at, 100 * comparison.shares, ".-", color=colour, markersize=3)
+        zero_line(lower)
+        upper.set_ylabel(f"force ({unit.name})")
+        upper.legend(fontsize=7)
+        lower.set_ylabel("distance (%)")
+        lower.set_xlabel("displacement (mm)")
+        save(figure, path)
+    return misfits
 
 
 def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
@@ -95,7 +135,7 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     largest = max(float(np.abs(test.measured.force).max()) for test in fit.tests)
     unit = readable("N", largest)
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
-    for i, (test, compared) in enumerate(pairs):
+    for i, (test, c) in enumerate(pairs):
         colour = APART[i % len(APART)]
         measured = test.measured
         axes.plot(
@@ -103,7 +143,7 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
             markersize=3, markerfacecolor="none",
         )  # fmt: skip
         axes.plot(
-            1e3 * measured.displacement[compared.rows], unit.factor * compared.force,
+            1e3 * measured.displacement[c.rows], unit.factor * c.force,
             color=colour, label=test.measured.file.stem,
         )  # fmt: skip
     axes.set_xlabel("displacement (mm)")
@@ -114,9 +154,9 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
 def draw_distances(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     """Draw computed less measured forces over the largest measured one."""
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
-    for i, (test, compared) in enumerate(pairs):
-        share = 100 * (compared.force - compared.measured) / np.abs(compared.measured).max()
-        x = 1e3 * test.measured.displacement[compared.rows]
+    for i, (test, c) in enumerate(pairs):
+        share = 100 * c.shares
+        x = 1e3 * test.measured.displacement[c.rows]
         axes.plot(x, share, ".-", color=APART[i % len(APART)], linewidth=0.8, markersize=3)
     zero_line(axes)
     axes.set_xlabel("displacement (mm)")

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from wovenfab.record.bias_extension import bias_extension_of
 from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
 from wovenfab.study.fit.response import Comparison
 
@@ -65,6 +66,9 @@ class Fidelity:
         noise: The same of the measured curve's scatter, from its second differences.
         runs, expected: Number of runs of the residual's sign, and that of random signs.
         probability: Of so few runs by chance.
+        part_at: Displacement (m) of the first loading from which on the distance is more than twice
+            the error of a force; None if it never is.
+        angle: Shear angle there (rad), or at its end, if the test is a bias extension.
     """
 
     misfit: float
@@ -72,6 +76,8 @@ class Fidelity:
     runs: int
     expected: float
     probability: float
+    part_at: float | None
+    angle: float | None
 
     @property
     def is_model_error(self) -> bool:
@@ -90,6 +96,10 @@ class Knowledge:
         directions: Right singular vectors, one a row: combinations of scaled parameters.
         scatter: s, the residuals' size over that of the stated errors.
         fidelity: Of each test.
+        bic: Bayesian information criterion n ln(r^T r/n) + p ln n (Schwarz, Ann. Statist. 6 (1978)
+            461-464, doi:10.1214/aos/1176344136): of two models for the same curves, that with the
+            smaller one is worth its parameters.
+        points: n.
     """
 
     intervals: tuple[Interval, ...]
@@ -98,6 +108,8 @@ class Knowledge:
     directions: Array
     scatter: float
     fidelity: tuple[Fidelity, ...]
+    bic: float
+    points: int
 
 
 def knowledge(
@@ -143,6 +155,8 @@ def knowledge(
         directions,
         scatter,
         tuple(_fidelity(t, c) for t, c in zip(fit.tests, comparisons, strict=True)),
+        float(n * np.log(max(float(residuals @ residuals), 1e-300) / n) + p * np.log(n)),
+        n,
     )
 
 
@@ -168,9 +182,19 @@ def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
     second = np.diff(comparison.measured, 2)
     noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
     runs, expected, probability = sign_runs(distance)
+    loading = comparison.rows <= test.measured.branches()[0][-1]
+    near = np.flatnonzero(np.abs(distance[loading]) <= 2 * test.error)
+    u = test.measured.displacement[comparison.rows[loading]]
+    first = 0 if not near.size else int(near[-1]) + 1
+    part_at = float(u[first]) if first < u.size else None
+    angle, sample = np.nan, bias_extension_of(test.case)
+    if sample is not None and u.size:
+        end = float(u[-1]) if part_at is None else part_at
+        angle = float(sample.shear_angle(sample.elongation(np.array(end))))
     return Fidelity(
-        float(np.sqrt(np.mean(distance**2))) / peak, noise / peak, runs, expected, probability
-    )
+        comparison.misfit, noise / peak, runs, expected, probability,
+        part_at, float(angle) if np.isfinite(angle) else None,
+    )  # fmt: skip
 
 
 def sign_runs(residuals: Array) -> tuple[int, float, float]:
@@ -218,6 +242,14 @@ def in_words(known: Knowledge, fit: Fit) -> list[str]:
                     f"{'larger' if r > 0 else 'smaller'}."
                 )
     for test, f in zip(fit.tests, known.fidelity, strict=True):
+        angle = "" if f.angle is None else f" (shear angle {np.degrees(f.angle):.0f} degrees)"
+        if f.part_at is not None:
+            lines.append(
+                f"{test.measured.file.name}: the curves part at {1e3 * f.part_at:.3g} mm{angle}; "
+                "from there on they differ by more than twice the error of a force."
+            )
+        elif angle:
+            lines.append(f"{test.measured.file.name}: the curves agree to their ends{angle}.")
         if f.is_model_error:
             lines.append(
                 f"{test.measured.file.name}: the distance is {100 * f.misfit:.2f} % of the largest "
@@ -226,3 +258,25 @@ def in_words(known: Knowledge, fit: Fit) -> list[str]:
                 "intervals are a lower bound."
             )
     return lines
+
+
+def models_compared(known: Mapping[str, Knowledge]) -> list[str]:
+    """Return lines that compare fits to the same curves, by their names."""
+    width = max(map(len, known))
+    lines = [f"{'':{width}}  parameters  determined  misfit  BIC"]
+    for name, k in known.items():
+        misfit = float(np.sqrt(np.mean([f.misfit**2 for f in k.fidelity])))
+        sure = sum(i.determined for i in k.intervals)
+        lines.append(
+            f"{name:{width}}  {len(k.intervals):10d}  {sure:10d}  {100 * misfit:5.2f} %"
+            f"  {k.bic:.1f}"
+        )
+    if len({k.points for k in known.values()}) > 1:
+        return [*lines, "They compare different numbers of points: their BIC say nothing."]
+    best, second = sorted(known, key=lambda name: known[name].bic)[:2]
+    lead = known[second].bic - known[best].bic
+    strength = "strong" if lead > 6 else "weak"  # Kass and Raftery, doi:10.2307/2291091
+    return [
+        *lines,
+        f"{best} has the smallest BIC, by {lead:.1f}: a {strength} reason to prefer it.",
+    ]

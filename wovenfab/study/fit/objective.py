@@ -71,8 +71,7 @@ class Evaluation:
     @property
     def misfit(self) -> float:
         """Root mean square of the distances, each over its test's largest measured force."""
-        parts = [(c.force - c.measured) / np.abs(c.measured).max() for c in self.comparisons]
-        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+        return float(np.sqrt(np.mean(np.concatenate([c.shares for c in self.comparisons]) ** 2)))
 
 
 class Objective:
@@ -148,7 +147,7 @@ class Objective:
         curves = self._curves(values, scale)
         comparisons, residuals, rows = [], [], []
         for test, curve in zip(fit.tests, curves, strict=True):
-            c = compared(test, curve, fit.unknowns, values)
+            c = compared(test.measured, curve, fit.unknowns, values, test.toe)
             factor = np.sqrt(test.weight) / test.error
             comparisons.append(c)
             residuals.append(factor * (c.force - c.measured))

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from time import perf_counter
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -24,9 +25,12 @@ from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
-from wovenfab.study.fit.fit_file import MeasuredTest, Unknown
+from wovenfab.study.fit.fit_file import Unknown
+from wovenfab.study.fit.measured import Measured
 
 Array = NDArray[np.float64]
+#: Fewest measured points that can be compared.
+FEWEST = 3
 #: Iterations for the displacement of the sample behind a spring.
 ITERATIONS = 50
 
@@ -106,30 +110,56 @@ class Comparison:
     force: Array
     slopes: Array
 
+    @property
+    def shares(self) -> Array:
+        """Computed less measured force over the largest measured one."""
+        shares: Array = (self.force - self.measured) / np.abs(self.measured).max()
+        return shares
+
+    @property
+    def misfit(self) -> float:
+        """Root mean square of these shares."""
+        return float(np.sqrt(np.mean(self.shares**2)))
+
 
 class BranchError(Exception):
-    """Measured and computed curve do not turn equally often."""
+    """Measured and computed curve do not belong to each other."""
+
+
+def curve_of_history(displacement: Array, force: Array) -> Curve:
+    """Return the curve of a run that is there already, without derivatives.
+
+    Args:
+        displacement: m, shape (steps,).
+        force: N, shape (steps,).
+    """
+    return Curve(displacement, force, np.zeros((len(force), 0)), _turns(displacement), 0.0)
 
 
 def compared(
-    test: MeasuredTest, curve: Curve, unknowns: Sequence[Unknown], values: Mapping[str, float]
+    measured: Measured,
+    curve: Curve,
+    unknowns: Sequence[Unknown] = (),
+    values: Mapping[str, float] = MappingProxyType({}),
+    toe: float = -np.inf,
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
     Args:
-        test: The test.
-        curve: Its computed curve.
+        measured: The measured curve.
+        curve: The computed one.
         unknowns: The parameters.
         values: By their names, in SI units.
+        toe: Displacement (m) below which points are left out.
 
     Raises:
         BranchError: The curves do not belong to each other.
     """
-    branches = test.measured.branches()
+    branches = measured.branches()
     if len(branches) != len(curve.turns) - 1:
         raise BranchError(
-            f"{test.measured.file.name} has {len(branches)} branches of loading and unloading, the "
-            f"program of {test.case.name} has {len(curve.turns) - 1}"
+            f"{measured.file.name} has {len(branches)} branches of loading and unloading, the "
+            f"program has {len(curve.turns) - 1}"
         )
     machine = [
         values.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")
@@ -137,14 +167,20 @@ def compared(
     parts: list[Any] = []
     for number, rows in enumerate(branches):
         chosen = rows if number == 0 else rows[1:]
-        chosen = chosen[test.measured.displacement[chosen] >= test.toe]
+        chosen = chosen[measured.displacement[chosen] >= toe]
         span = slice(curve.turns[number], curve.turns[number + 1] + 1)
-        parts.append(_along(test, curve, span, chosen, unknowns, machine))
-    return Comparison(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+        parts.append(_along(measured, curve, span, chosen, unknowns, machine))
+    comparison = Comparison(*(np.concatenate(one) for one in zip(*parts, strict=True)))
+    if comparison.rows.size < FEWEST:
+        raise BranchError(
+            f"{measured.file.name} and the computed curve have less than {FEWEST} displacements in "
+            "common"
+        )
+    return comparison
 
 
 def _along(
-    test: MeasuredTest,
+    measured: Measured,
     curve: Curve,
     span: slice,
     rows: NDArray[np.intp],
@@ -159,7 +195,7 @@ def _along(
     order = np.argsort(u)
     u, f, by_parameters = u[order], f[order], by_parameters[order]
     force = _cubic(u, f)
-    x = test.measured.displacement[rows]
+    x = measured.displacement[rows]
     slack = 1e-3 * np.ptp(u)
     inside = (x >= u[0] - slack) & (x <= u[-1] + slack)  # the same rows for all values
     rows, x = rows[inside], x[inside]
@@ -184,7 +220,7 @@ def _along(
                 columns.append(_cubic(u, by_parameters[:, material])(at) / softer)
                 material += 1
     slopes = np.stack(columns, axis=1) if columns else np.zeros((at.size, 0))
-    return rows, test.measured.force[rows], force(at) + weight, slopes
+    return rows, measured.force[rows], force(at) + weight, slopes
 
 
 def _cubic(u: Array, f: Array) -> CubicHermiteSpline:
