@@ -16,7 +16,7 @@ from wovenfab.study.fit.fit_file import Fit, read_fit
 from wovenfab.study.fit.knowledge import in_words, knowledge, sign_runs
 from wovenfab.study.fit.objective import Evaluation, Objective
 from wovenfab.study.fit.response import compared, computed
-from wovenfab.study.fit.search import offset, search
+from wovenfab.study.fit.search import offset, profile, search
 
 CASE = """\
 sheet: {length: 0.6 m, width: 0.2 m, fibres: [45 deg, -45 deg]}
@@ -257,6 +257,7 @@ BAD = {
     "no error": (FIT.replace("0.2 %", "0 %"), "expected an error such as 1 % or 0.1 N"),
     "weight": (FIT.replace("error:", "weight: 0, error:"), "weight: "),
     "set": (FIT.replace("error:", "set: {program.too: 3}, error:"), "program.too: unknown key"),
+    "a profile of nothing": (FIT + "profiles: [bending.stiffness]\n", "none of the parameters to"),
     "an accuracy": (
         FIT.replace("error:", "set: {accuracy: 1 %, discretisation: null}, error:"),
         "a fit chooses cells and steps itself",
@@ -274,10 +275,12 @@ def test_a_bad_fit_file_is_refused_in_words(name: str, tmp_path: Path) -> None:
 
 
 def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Path) -> None:
-    path = place(tmp_path, curve=curve_of(tmp_path, noise=0.002))
+    text = FIT + "profiles: [shear.stiffness]\n"
+    path = place(tmp_path, text, curve=curve_of(tmp_path, noise=0.002))
     command = [sys.executable, "-m", "wovenfab", "fit", str(path), "-o", str(tmp_path / "out")]
     ended = subprocess.run(command, capture_output=True, text=True, check=True)
     assert "The curves are followed within" in ended.stdout
+    assert "By its profile shear.stiffness is" in ended.stdout
     result = json.loads((tmp_path / "out" / "fit.json").read_text())
     assert result["converged"]
     for name, value in TRUTH.items():
@@ -324,3 +327,15 @@ def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) 
     (tmp_path / "other.csv").write_text("u_mm,F_N\n0,0\n30,1\n60,2\n30,1\n0,0\n")
     refused = subprocess.run([*report, str(tmp_path / "other.csv")], capture_output=True, text=True)
     assert refused.returncode == 2 and "2 branches of loading" in refused.stderr
+
+
+def test_the_profile_of_a_nearly_linear_fit_is_its_interval(tmp_path: Path) -> None:
+    fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.002)))
+    with Objective(fit, tmp_path / "runs") as objective:
+        result = search(objective, fit)
+        e = result.evaluation
+        known = knowledge(fit, result.values, e.residuals, e.jacobian, e.comparisons)
+        first = known.intervals[0]
+        one = profile(objective, fit, result, first.name, first.half)
+    assert len(one.values) == 7
+    assert [one.low, one.high] == pytest.approx([first.low, first.high], rel=0.02)

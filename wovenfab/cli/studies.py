@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Sequence
-from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +18,7 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
-from wovenfab.record.results import write_csv, write_whole
+from wovenfab.record.results import write_csv
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
@@ -299,20 +297,29 @@ def fit_all(paths: Sequence[Path], output: Path | None, jobs: int) -> int:
 
 def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
     """Find the parameters of one fit, write and print what is known of them."""
-    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
+    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page, write_result
     from wovenfab.study.fit.knowledge import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
-    from wovenfab.study.fit.search import search
+    from wovenfab.study.fit.search import profile, search
 
     console.say(f"{fit.name}: {len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
     with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
         found = search(objective, fit)
-    e = found.evaluation
-    known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
+        e = found.evaluation
+        known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
+        halves = {i.name: i.half for i in known.intervals if isfinite(i.half)}
+        profiles = [
+            profile(objective, fit, found, name, halves[name])
+            for name in fit.profiles
+            if name in halves
+        ]
     notes = [*_headlines(found), *in_words(known, fit)]
-    _write(fit, found, known, notes, directory)
+    notes += [
+        f"By its profile {one.name} is {one.low:.4g} to {one.high:.4g} (95 %)." for one in profiles
+    ]
+    write_result(fit, found, known, profiles, notes, directory)
     draw_fit(fit, found, known, directory / PICTURE)
-    write_fit_page(fit, found, known, notes, directory / PAGE)
+    write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
     for i in known.intervals:
         console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  (95 %: {i.low:.4g} to {i.high:.4g})")
     console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
@@ -342,43 +349,18 @@ def _headlines(found: Found) -> list[str]:
 
 
 def _reporter(console: Console, fit: Fit) -> Any:
+    from wovenfab.study.fit.search import share_done
+
+    trials = []
+
     def report(trial: Trial) -> None:
+        trials.append(trial)
+        spent, share = sum(t.seconds for t in trials), share_done(trials, fit.refine)
+        left = f"; about {duration(spent / share - spent)} left" if share else ""
         values = ", ".join(f"{u.name} {trial.values[u.name]:.4g}" for u in fit.unknowns)
         how = f"failed: {trial.failure}" if trial.failure else f"misfit {100 * trial.misfit:.3f} %"
         runs = "coarse" if trial.coarse else "fine"
-        console.say(f"trial {trial.number} ({runs}, {trial.seconds:.1f} s): {how}; {values}")
+        console.say(f"trial {trial.number} ({runs}, {trial.seconds:.1f} s): {how}; {values}{left}")
+        console.progress(Progress("search", share))
 
     return report
-
-
-def _write(fit: Fit, found: Found, known: Knowledge, notes: list[str], directory: Path) -> None:
-    """Write ``fit.json`` and the fitted case of each test."""
-    from wovenfab.study.fit.fit_file import with_values
-
-    result = {
-        "title": fit.title,
-        "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
-        "correlations": known.correlations.tolist(),
-        "singular_values": known.singular_values.tolist(),
-        "directions": known.directions.tolist(),
-        "scatter": known.scatter,
-        "bic": known.bic,
-        "tests": [
-            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
-            for test, f in zip(fit.tests, known.fidelity, strict=True)
-        ],
-        "discretisation_error": found.error,
-        "trials": [_plain(asdict(t)) for t in found.trials],
-        "converged": found.converged,
-        "notes": notes,
-    }
-    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
-    for number, test in enumerate(fit.tests):
-        which = "" if len(fit.tests) == 1 else f"{number + 1}-"
-        case = with_values(test.case, fit.unknowns, found.values)
-        write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
-
-
-def _plain(data: dict[str, Any]) -> dict[str, Any]:
-    """Return data without infinities, which JSON does not know."""
-    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}

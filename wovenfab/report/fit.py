@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,7 +15,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
-from wovenfab.record.results import this_process
+from wovenfab.record.results import this_process, write_whole
 from wovenfab.report.page_blocks import Block, Section, Table, Text, section, vector, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
@@ -26,12 +30,12 @@ from wovenfab.report.style import (
     save,
     zero_line,
 )
-from wovenfab.study.fit.fit_file import Fit
+from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.knowledge import Interval, Knowledge, in_words
 from wovenfab.study.fit.measured import Measured
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import compared, curve_of_history
-from wovenfab.study.fit.search import Found
+from wovenfab.study.fit.search import Found, Profile
 
 PAGE, PICTURE, LAB = "fit.html", "fit.png", "lab.png"
 
@@ -51,13 +55,58 @@ def draw_fit(fit: Fit, found: Found, known: Knowledge, path: Path) -> Path:
 
 
 def write_fit_page(
-    fit: Fit, found: Found, known: Knowledge, notes: Sequence[str], path: Path
+    fit: Fit,
+    found: Found,
+    known: Knowledge,
+    profiles: Sequence[Profile],
+    notes: Sequence[str],
+    path: Path,
 ) -> Path:
     """Write the page of a fit; return its path."""
     figures = [(i.name, _shown(i.value, i.unit)) for i in known.intervals]
-    return write_page(
-        path, fit.title or fit.name, notes, figures, _sections(fit, found, known), this_process()
-    )
+    sections = _sections(fit, found, known)
+    if profiles:
+        sections.insert(2, section("Profiles", lambda: [_profiles(fit, profiles)]))
+    return write_page(path, fit.title or fit.name, notes, figures, sections, this_process())
+
+
+def write_result(
+    fit: Fit,
+    found: Found,
+    known: Knowledge,
+    profiles: Sequence[Profile],
+    notes: Sequence[str],
+    directory: Path,
+) -> None:
+    """Write ``fit.json`` and the fitted case of each test."""
+    result = {
+        "title": fit.title,
+        "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
+        "correlations": known.correlations.tolist(),
+        "singular_values": known.singular_values.tolist(),
+        "directions": known.directions.tolist(),
+        "scatter": known.scatter,
+        "bic": known.bic,
+        "tests": [
+            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
+            for test, f in zip(fit.tests, known.fidelity, strict=True)
+        ],
+        "profiles": [_plain(asdict(one)) for one in profiles],
+        "discretisation_error": found.error if isfinite(found.error) else None,
+        "trials": [_plain(asdict(t)) for t in found.trials],
+        "converged": found.converged,
+        "notes": notes,
+    }
+    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
+    for number, test in enumerate(fit.tests):
+        which = "" if len(fit.tests) == 1 else f"{number + 1}-"
+        case = with_values(test.case, fit.unknowns, found.values)
+        write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
+
+
+def _plain(data: dict[str, Any]) -> dict[str, Any]:
+    """Return data without infinities, which JSON does not know."""
+    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}
 
 
 def draw_measured(
@@ -128,6 +177,23 @@ def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
         section("What is known together", correlations),
         section("Search", trials),
     ]
+
+
+def _profiles(fit: Fit, profiles: Sequence[Profile]) -> Block:
+    """Return the figure: rise of the sum of squares over each parameter, all others found anew."""
+    units = {u.name: u for u in fit.unknowns}
+    figure = Figure(figsize=(WIDTH, 0.4 * WIDTH))
+    for axes, one in zip(
+        figure.subplots(1, len(profiles), squeeze=False)[0], profiles, strict=True
+    ):
+        axes.plot(one.values, one.rise, "o-", color=INK, markersize=4)
+        axes.axhline(1.0, color=QUIET, linewidth=0.8)
+        if units[one.name].by_factors:
+            axes.set_xscale("log")
+            plain_ticks(axes.xaxis)
+        axes.set_xlabel(f"{one.name} ({units[one.name].unit})")
+        axes.set_ylabel("rise (1 at 95 %)")
+    return vector(figure, "profiles", "Sum of squares for fixed values, all others found anew")
 
 
 def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:

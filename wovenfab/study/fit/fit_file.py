@@ -139,6 +139,10 @@ class FitFile(Section):
     """What is sought: effect.parameter, effect.parameter[1] of one family, or one of the machine:
     machine.compliance, machine.displacement, machine.force."""
 
+    profiles: tuple[str, ...] = Field(default=(), examples=[["shear.stiffness"]])
+    """Parameters over which the misfit is found with all others free: exact intervals, at the price
+    of about fifteen coarse runs each."""
+
 
 @dataclass(frozen=True)
 class Unknown:
@@ -192,6 +196,7 @@ class Fit:
         tests: The tests.
         unknowns: The parameters.
         refine: Whether runs may be finer than the cases say.
+        profiles: Names of parameters whose profiles are wanted.
     """
 
     title: str
@@ -199,6 +204,7 @@ class Fit:
     tests: tuple[MeasuredTest, ...]
     unknowns: tuple[Unknown, ...]
     refine: bool = True
+    profiles: tuple[str, ...] = ()
 
 
 def read_fit(path: Path) -> Fit:
@@ -225,10 +231,15 @@ def read_fit(path: Path) -> Fit:
         except ValueError as error:
             message, _, remedy = str(error).partition("|")
             problems.append(document.problem(("parameters", name), message, remedy))
+    problems += [
+        document.problem(("profiles", i), f"{name!r} is none of the parameters to find")
+        for i, name in enumerate(given.profiles)
+        if name not in given.parameters
+    ]
     problems += _untold(document, unknowns, tests)
     if problems:
         raise CaseError(problems)
-    return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine)
+    return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
 
 
 def _test(test: Test) -> MeasuredTest:

@@ -44,6 +44,7 @@ class Interval:
         unit: SI unit.
         value, low, high: The value and the ends of its interval; infinite, or zero of a parameter
             that is found by factors, where nothing limits it.
+        half: Half of the interval in scaled parameters.
         determined: Whether the curves determine it.
         at_bound: ``"lower"`` or ``"upper"`` where it is at that bound, else empty.
     """
@@ -53,6 +54,7 @@ class Interval:
     value: float
     low: float
     high: float
+    half: float
     determined: bool
     at_bound: str = ""
 
@@ -173,7 +175,7 @@ def _interval(unknown: Unknown, value: float, half: float) -> Interval:
     share = place / width
     at = "lower" if share < AT_BOUND else "upper" if share > 1 - AT_BOUND else ""
     a, b = (float(e) for e in ends)
-    return Interval(unknown.name, unknown.unit, value, a, b, bool(determined) and not at, at)
+    return Interval(unknown.name, unknown.unit, value, a, b, half, bool(determined) and not at, at)
 
 
 def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:

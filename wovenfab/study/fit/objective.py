@@ -74,6 +74,26 @@ class Evaluation:
         return float(np.sqrt(np.mean(np.concatenate([c.shares for c in self.comparisons]) ** 2)))
 
 
+@dataclass(frozen=True)
+class Correction:
+    """What fine runs have more than coarse ones.
+
+    Attributes:
+        at: Scaled parameters where both were run, shape (p,).
+        residuals: Fine less coarse residuals, shape (n,).
+        jacobian: Fine less coarse derivatives, shape (n, p).
+    """
+
+    at: Array
+    residuals: Array
+    jacobian: Array
+
+    def applied(self, coarse: Evaluation, scaled: Array, free: Array) -> tuple[Array, Array]:
+        """Return corrected residuals, and their derivatives by the parameters that are free."""
+        residuals = coarse.residuals + self.residuals + self.jacobian @ (scaled - self.at)
+        return residuals, (coarse.jacobian + self.jacobian)[:, free]
+
+
 class Objective:
     """Evaluates residuals and their derivatives; a context manager, which ends its processes.
 

@@ -9,15 +9,17 @@ doi:10.1023/A:1016042505922).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 from scipy.optimize import least_squares
 
 from wovenfab.study.fit.fit_file import Fit
-from wovenfab.study.fit.objective import Evaluation, Objective, Trial
+from wovenfab.study.fit.knowledge import LEVEL
+from wovenfab.study.fit.objective import Correction, Evaluation, Objective, Trial
 from wovenfab.study.fit.response import TrialError
 
 Array = NDArray[np.float64]
@@ -46,6 +48,10 @@ ORDERS = 1.0, 2.0
 SHARE = 0.1
 #: Residual of a run that failed, over the largest one before.
 FAILED = 10.0
+#: Usual number of coarse and of fine trials, and time of a fine one over that of a coarse one.
+USUAL, FINE_TIME = (10, 2), 4.0
+#: Places of a profile, over half of the interval by the covariance.
+PROFILE = (0.5, 1.0, 1.5)
 #: Largest number of coarse trials of one search, and of fine trials in all.
 MOST_COARSE, MOST_FINE = 40, 6
 
@@ -62,6 +68,7 @@ class Found:
         converged: Whether the search ended by itself.
         error: Estimated error of the fine runs' curves by cells and steps, over the largest force;
             nan where files give them.
+        correction: Of coarse runs, there.
     """
 
     values: Mapping[str, float]
@@ -70,21 +77,26 @@ class Found:
     scale: float
     converged: bool
     error: float
+    correction: Correction
 
 
 @dataclass(frozen=True)
-class Correction:
-    """What fine runs have more than coarse ones.
+class Profile:
+    """The least sum of squares for fixed values of one parameter, all others found anew.
 
     Attributes:
-        at: Scaled parameters where both were run, shape (p,).
-        residuals: Fine less coarse residuals, shape (n,).
-        jacobian: Fine less coarse derivatives, shape (n, p).
+        name: Of the parameter.
+        values: In SI units, increasing.
+        rise: Of the sum of squares over its least value, over that at the ends of an interval of
+            95 %.
+        low, high: These ends; infinite where the profile does not reach them.
     """
 
-    at: Array
-    residuals: Array
-    jacobian: Array
+    name: str
+    values: tuple[float, ...]
+    rise: tuple[float, ...]
+    low: float
+    high: float
 
 
 def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
@@ -133,7 +145,18 @@ def search(objective: Objective, fit: Fit) -> Found:
         values, best, coarse = other, done, beside
         if scale == 1:
             error = _error(best, coarse)
-    return Found(values, best, tuple(objective.trials), scale, near, error)
+    return Found(values, best, tuple(objective.trials), scale, near, error, correction)
+
+
+def share_done(trials: Sequence[Trial], refine: bool) -> float:
+    """Return the share of a search's time that is over, with the usual number of trials."""
+    coarse, fine = ([t.seconds for t in trials if t.coarse == kind] for kind in (True, False))
+    of_one = sum(coarse) / len(coarse) if coarse else 0.0
+    of_fine = max(fine, default=FINE_TIME * of_one)
+    usual = USUAL[1] + refine
+    left = max(USUAL[0] - len(coarse), 1) * of_one + max(usual - len(fine), 0) * of_fine
+    spent = sum(coarse) + sum(fine)
+    return spent / (spent + left) if spent else 0.0
 
 
 def _tried(objective: Objective, values: Mapping[str, float], scale: float) -> Evaluation:
@@ -171,6 +194,7 @@ def _minimised(
     start: Mapping[str, float],
     region: float,
     correction: Correction | None = None,
+    fixed: str = "",
 ) -> tuple[dict[str, float], Evaluation]:
     """Return values of least squares by coarse runs, and what these runs give there.
 
@@ -180,23 +204,28 @@ def _minimised(
         start: Values to start from.
         region: First trust region, in scaled parameters.
         correction: Of the coarse runs.
+        fixed: A parameter that keeps its value.
 
     Raises:
         TrialError: The run at the start did not come to its end.
     """
+    free = np.array([u.name != fixed for u in fit.unknowns])
     origin = objective.scaled(start)  # scipy's first trust region is 1 around zero
 
+    def scaled_at(q: Array) -> Array:
+        scaled = origin.copy()
+        scaled[free] += region * q
+        return scaled
+
     def coarse_at(q: Array) -> Evaluation | None:
-        return objective.attempt(objective.values(origin + region * q), COARSE)
+        return objective.attempt(objective.values(scaled_at(q)), COARSE)
 
     def at(q: Array) -> tuple[Array, Array] | None:
         if (done := coarse_at(q)) is None:
             return None
         if correction is None:
-            return done.residuals, done.jacobian
-        away = origin + region * q - correction.at
-        residuals = done.residuals + correction.residuals + correction.jacobian @ away
-        return residuals, done.jacobian + correction.jacobian
+            return done.residuals, done.jacobian[:, free]
+        return correction.applied(done, scaled_at(q), free)
 
     known: list[Array] = []
 
@@ -218,21 +247,23 @@ def _minimised(
         return region * done[1]
 
     low, high = (
-        (objective.scaled({u.name: u.bounds[side] for u in fit.unknowns}) - origin) / region
+        (objective.scaled({u.name: u.bounds[side] for u in fit.unknowns}) - origin)[free] / region
         for side in (0, 1)
     )
     margin = 1e-9 * (high - low)
-    inside = np.clip(np.zeros_like(origin), low + margin, high - margin)
+    q = np.clip(np.zeros_like(low), low + margin, high - margin)
     try:
-        q = least_squares(
-            residuals, inside, jacobian, bounds=(low, high), max_nfev=MOST_COARSE,
-            ftol=CHANGE[1 if correction else 0], **TOLERANCES,
-        ).x  # fmt: skip
+        if free.any():
+            q = least_squares(
+                residuals, q, jacobian, bounds=(low, high), max_nfev=MOST_COARSE,
+                ftol=CHANGE[1 if correction else 0], **TOLERANCES,
+            ).x  # fmt: skip
     except _NearEnoughError as near:
         q = near.q
     done = coarse_at(q)
-    assert done is not None
-    return objective.values(origin + region * q), done
+    if done is None:
+        raise TrialError(objective.trials[-1].failure)
+    return objective.values(scaled_at(q)), done
 
 
 class _NearEnoughError(Exception):
@@ -241,6 +272,54 @@ class _NearEnoughError(Exception):
     def __init__(self, q: Array) -> None:
         super().__init__()
         self.q = q
+
+
+def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float) -> Profile:
+    """Return the profile of the sum of squares over one parameter, by corrected coarse runs.
+
+    Args:
+        objective: Evaluates residuals and derivatives.
+        fit: The fit.
+        found: What the search has found.
+        name: Of the parameter.
+        half: Half of its interval by the covariance, scaled.
+    """
+    place = next(k for k, u in enumerate(fit.unknowns) if u.name == name)
+    unknown, all_free = fit.unknowns[place], np.ones(len(fit.unknowns), dtype=bool)
+    low, high = (objective.scaled({u.name: u.bounds[k] for u in fit.unknowns}) for k in (0, 1))
+    middle = float(objective.scaled(found.values)[place])
+    squares = {middle: _square(found.evaluation)}
+    for side in (-1, 1):
+        values = dict(found.values)
+        for share in PROFILE:
+            at = float(np.clip(middle + side * share * half, low[place], high[place]))
+            if at in squares:
+                break
+            scaled = objective.scaled(values)
+            scaled[place] = at
+            try:
+                start = objective.values(scaled)
+                values, done = _minimised(
+                    objective, fit, start, REGION[1], found.correction, fixed=name
+                )
+            except TrialError:
+                break
+            scaled = objective.scaled(values)
+            residuals, _ = found.correction.applied(done, scaled, all_free)
+            squares[at] = float(residuals @ residuals)
+    order = sorted(squares)
+    points = np.exp(order) if unknown.by_factors else np.array(order) * np.ptp(unknown.bounds)
+    rise = np.array([squares[at] for at in order]) - squares[middle]
+    n, p = found.evaluation.jacobian.shape
+    variance = max(squares[middle] / max(n - p, 1), 1.0)
+    limit = variance * float(stats.f.ppf(LEVEL, 1, max(n - p, 1)))
+    root = np.sqrt(np.maximum(rise, 0) / limit) * np.sign(np.array(order) - middle)
+    steps = np.maximum.accumulate(root)
+    ends = (np.interp(z, steps, points, -np.inf, np.inf) for z in (-1, 1))
+    lowest, highest = (float(end) for end in ends)
+    return Profile(
+        name, tuple(map(float, points)), tuple(map(float, rise / limit)), lowest, highest
+    )
 
 
 def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
