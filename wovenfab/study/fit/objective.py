@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from multiprocessing import get_context
@@ -206,7 +207,10 @@ class Objective:
         waiting = [i for i, curve in enumerate(stored) if curve is None]
         if self._pool:
             futures = {i: self._pool.submit(computed, cases[i], targets) for i in waiting}
-            fresh = {i: future.result() for i, future in futures.items()}
+            try:
+                fresh = {i: future.result() for i, future in futures.items()}
+            except BrokenProcessPool:
+                raise TrialError("the process of a run was killed, maybe for its memory") from None
         else:
             fresh = {i: computed(cases[i], targets) for i in waiting}
         for i, curve in fresh.items():
