@@ -230,16 +230,21 @@ class Target:
         parameter: Name of the parameter.
         families: The families whose values follow it, 0, 1 or both; it is ignored where both
             have the same one.
+        coefficient: Number of a coefficient in the formula of the value, from 1; 0 for the value.
+        along: How the value changes with it, a function of the position; None for by one.
     """
 
     effect: str
     parameter: str
     families: tuple[int, ...] = (0, 1)
+    coefficient: int = 0
+    along: Callable[[Any], Any] | None = field(default=None, compare=False)
 
     def __str__(self) -> str:
-        """Return ``effect.parameter``, and the family if it is one of two."""
-        name = f"{self.effect}.{self.parameter}"
-        return name if len(self.families) == 2 else f"{name}[{self.families[0] + 1}]"
+        """Return ``effect.parameter``, the family if it is one of two, and the coefficient."""
+        family = "" if len(self.families) == 2 else f"[{self.families[0] + 1}]"
+        coefficient = f"#{self.coefficient}" if self.coefficient else ""
+        return f"{self.effect}.{self.parameter}{family}{coefficient}"
 
 
 def by_parameter(target: Target, terms: Sequence[Term], form: Callable[[Term], Any]) -> Any | None:
@@ -260,12 +265,13 @@ def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any 
     value = term.values[target.parameter]
     per_family = isinstance(value, tuple)
     values = list(value) if per_family else [value]
-    chosen = target.families if per_family else (0,)
-    for family in chosen:
-        values[family] = ufl.variable(values[family])
+    change = ufl.variable(ufl.as_ufl(0.0))
+    for family in target.families if per_family else (0,):
+        of, along = values[family], 1.0
+        if target.along is not None:
+            domain = ufl.domain.extract_unique_domain(of)
+            along = target.along(ufl.SpatialCoordinate(domain))
+        values[family] = of + change * along
     named = {**term.values, target.parameter: tuple(values) if per_family else values[0]}
     total = form(replace(term, values=named))
-    if total is None:
-        return None
-    parts = [ufl.diff(total, values[family]) for family in chosen]
-    return sum(parts[1:], parts[0])
+    return None if total is None else ufl.diff(total, change)

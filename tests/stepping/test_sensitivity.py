@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from forms import effects
@@ -217,10 +218,54 @@ def test_a_parameter_that_the_scene_lacks_is_refused_by_name() -> None:
         curves(of, [Target("slip_friction", "slope")])
 
 
+#: A formula for each of these parameters, the coefficient that changes, and its change: from, to.
+FORMULAS = {
+    "shear.stiffness": ("400 N/m * (1 + exp(-x/0.3 m))", 3, "0.3 m", "0.30006 m", "0.29994 m"),
+    "slip_friction.strength": (
+        "20 kN/m^2 * (1.2 - y/0.5 m)", 2, "1.2", "1.20024", "1.19976",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("scene", "most"), [("bias-1x3", 1e-5), ("coulomb", 1e-2)])
+@pytest.mark.parametrize("name", FORMULAS)
+def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, most: float) -> None:
+    formula, coefficient, value, *others = FORMULAS[name]
+    settings = {
+        "program.amplitudes": "[40 mm]",
+        "time.steps_per_cycle": "8",
+        "solver.tolerance": 1e-12,
+    }
+    base = read_case(ROOT / "configs" / f"{scene}.yaml", settings)
+    target = Target(*name.split("."), coefficient=coefficient)  # type: ignore[misc]
+
+    def run(text: str, targets: Sequence[Target] = ()) -> Any:
+        case = base.changed({f"effects.{name}": text})
+        with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+            if targets:
+                simulation.differentiate(targets)
+            return [
+                step.derivatives.force[0] if step.derivatives else step.force
+                for step in simulation.steps()
+            ]
+
+    slope = np.array(run(formula, [target]))
+    up, down = (np.array(run(formula.replace(value, other))) for other in others)
+    change = float(others[0].split()[0]) - float(others[1].split()[0])
+    difference = (up - down) / change
+    assert np.abs(difference).max() > 0
+    assert np.abs(slope - difference).max() < most * np.abs(difference).max()
+
+
+def test_a_coefficient_that_no_formula_has_is_refused() -> None:
+    case = read_case(ROOT / "configs" / "bias-1x3.yaml")
+    refused = pytest.raises(TargetError, match=r"shear\.stiffness#1 is no parameter")
+    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
+        simulation.differentiate([Target("shear", "stiffness", coefficient=1)])
+
+
 @pytest.mark.mpi
 def test_ranks_share_the_derivatives_of_a_case_whose_placements_jump() -> None:
-    from mpi4py import MPI
-
     settings = {"program.amplitudes": "[40 mm]", "time.steps_per_cycle": "8"}
     case = read_case(ROOT / "configs" / "bias-1x3.yaml", settings)
     targets = [Target("bending", "stiffness"), Target("slip_friction", "slope")]

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from wovenfab.case import CaseError, read_case
-from wovenfab.study.fit.fit_file import Fit, read_fit
+from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
 from wovenfab.study.fit.knowledge import in_words, knowledge, sign_runs
 from wovenfab.study.fit.objective import Evaluation, Objective
 from wovenfab.study.fit.response import compared, computed
@@ -234,6 +234,7 @@ BAD = {
     "a spreadsheet": (FIT.replace("curve.csv", "curve.xlsx"), "expected a file that ends in"),
     "unknown effect": (FIT + "  sheer.stiffness:\n", "no effect 'sheer'. Did you mean 'shear'?"),
     "unknown parameter": (FIT + "  shear.slope:\n", "shear has no parameter 'slope'. It has stiff"),
+    "coefficient of a number": (FIT + "  bending.stiffness#1:\n", "the value has 0 coefficients"),
     "unknown part of the machine": (FIT + "  machine.mass:\n", "the machine has no 'mass'"),
     "machine without bounds": (FIT + "  machine.force:\n", "needs bounds"),
     "family of a pair": (FIT + "  bending.stiffness[3]:\n", "the families are [1] and [2]"),
@@ -272,6 +273,27 @@ def test_a_bad_fit_file_is_refused_in_words(name: str, tmp_path: Path) -> None:
     with pytest.raises(CaseError) as caught:
         read_fit(place(tmp_path, text))
     assert message in str(caught.value)
+
+
+def test_a_coefficient_of_a_formula_is_found(tmp_path: Path) -> None:
+    formula = "60 N/m * (1 + 2 * exp(-x/0.2 m))"
+    case = CASE.replace("stiffness: 60 N/m", f"stiffness: {formula}")
+    place(tmp_path, case=case)
+    truth = {"effects.shear.stiffness": formula.replace("0.2 m", "300 mm")}
+    made = computed(read_case(tmp_path / "case.yaml", truth), [])
+    rows = [
+        f"{float(u)!r},{float(f)!r}" for u, f in zip(made.displacement, made.force, strict=True)
+    ]
+    (tmp_path / "curve.csv").write_text("\n".join(["u_m,F_N", *rows]) + "\n")
+    sought = "  shear.stiffness#4: {bounds: [50 mm, 1 m]}\n"
+    (tmp_path / "fit.yaml").write_text(FIT[: FIT.index("  shear")] + sought)
+    fit = read_fit(tmp_path / "fit.yaml")
+    values, _, _ = found(fit, tmp_path)
+    assert values == pytest.approx({"shear.stiffness#4": 0.3}, rel=1e-3)
+    fitted = with_values(fit.tests[0].case, fit.unknowns, values)
+    assert fitted.effects["shear"]["stiffness"].at(0.3, 0.0) == pytest.approx(
+        60 * (1 + 2 * np.exp(-1)), rel=1e-3
+    )
 
 
 def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Path) -> None:

@@ -155,7 +155,9 @@ def is_formula(text: str) -> bool:
     return True
 
 
-class _Token(NamedTuple):
+class Token(NamedTuple):
+    """A number with its unit, a name, a sign or the end, and where it stands in the text."""
+
     kind: str
     text: str
     start: int
@@ -163,7 +165,8 @@ class _Token(NamedTuple):
     unit: str = ""
 
 
-def _tokens(text: str) -> list[_Token]:
+def tokens_of(text: str) -> list[Token]:
+    """Return what a formula is written with, and its end."""
     tokens = []
     at = 0
     while (at := at + len(text[at:]) - len(text[at:].lstrip())) < len(text):
@@ -175,15 +178,15 @@ def _tokens(text: str) -> list[_Token]:
             kind = "sign"
         unit = _UNITS.match(text, end) if kind == "number" else None
         end = unit.end() if unit else end
-        tokens.append(_Token(kind, match[0], at, end, unit["unit"] if unit else ""))
+        tokens.append(Token(kind, match[0], at, end, unit["unit"] if unit else ""))
         at = end
-    return [*tokens, _Token("end", "", len(text), len(text))]
+    return [*tokens, Token("end", "", len(text), len(text))]
 
 
 def _parse(text: str) -> _Node:
     if len(text) > LONGEST:
         raise FormulaError(f"a formula has at most {LONGEST} characters, this has {len(text)}")
-    tokens = _tokens(text)
+    tokens = tokens_of(text)
     _check_syntax(text, tokens)
     python, starts, ends = "", {}, {}
     for token in tokens[:-1]:
@@ -194,7 +197,7 @@ def _parse(text: str) -> _Node:
     return _tree(ast.parse(python, mode="eval").body, text, starts, ends)
 
 
-def _check_syntax(text: str, tokens: Sequence[_Token]) -> None:
+def _check_syntax(text: str, tokens: Sequence[Token]) -> None:
     """Raise what is wrong with the order of tokens, with names and with the depth.
 
     Values and operators alternate. What passes is an expression of Python.
@@ -248,14 +251,12 @@ def _check_name(name: str, is_called: bool) -> None:
         raise FormulaError(f"unknown name '{name}'", meant or about)
 
 
-def _unexpected(expected: str, token: _Token) -> FormulaError:
+def _unexpected(expected: str, token: Token) -> FormulaError:
     place = f"{describe(token.text)} at character {token.start + 1}"
     return FormulaError(f"expected {expected}, got {place if token.text else 'the end'}")
 
 
-def _tree(
-    node: ast.expr, text: str, starts: Mapping[int, _Token], ends: Mapping[int, int]
-) -> _Node:
+def _tree(node: ast.expr, text: str, starts: Mapping[int, Token], ends: Mapping[int, int]) -> _Node:
     """Return the tree of a formula from Python's, with the text of each node as written."""
     inner = partial(_tree, text=text, starts=starts, ends=ends)
     token = starts[node.col_offset]

@@ -137,16 +137,19 @@ def differentiate(
     case = read_case(path, overrides)
     from mpi4py import MPI
 
-    from forms.effect import Target
     from wovenfab.report.study_pictures import draw_sensitivities
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
     from wovenfab.stepping.step import Step, StepFailedError
     from wovenfab.study.effects import parameters_of, sensitivities
+    from wovenfab.study.fit.fit_file import target_of
 
     console = Console()
-    named = [(effect, name) for effect, _, name in (text.partition(".") for text in by)]
-    targets = [Target(effect, name) for effect, name in named] or parameters_of(case)
+    try:
+        targets = [target_of(name, case) for name in by] or parameters_of(case)
+    except ValueError as error:
+        message, _, remedy = str(error).partition("|")
+        raise CaseError([case.problem("effects", message, remedy)]) from error
     end = program_of_case(case).milestones[-1].time
 
     def report(step: Step) -> None:

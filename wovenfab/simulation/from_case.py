@@ -16,6 +16,7 @@ from typing import Any
 import ufl
 from mpi4py import MPI
 
+from forms.effect import Target
 from wovenfab.case import (
     Case,
     CaseError,
@@ -31,6 +32,7 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
+from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value, build_model
 from wovenfab.parallel import agree
@@ -47,6 +49,7 @@ from wovenfab.simulation.progress import memory, memory_of_machine
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
+from wovenfab.stepping.sensitivity import TargetError
 
 #: What the functions of a formula mean in UFL.
 UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -102,6 +105,26 @@ def held_of(component: Component) -> Held | None:
 def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
     known = {"x": position[0], "y": position[1], "program": program}
     return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
+
+
+def in_case(target: Target, case: Case) -> Target:
+    """Return a target that knows how a value changes with a coefficient of its formula.
+
+    Raises:
+        TargetError: If there is no such coefficient.
+    """
+    value = case.effects.get(target.effect, {}).get(target.parameter, 0.0)
+    formula = value[target.families[0]] if isinstance(value, tuple) else value
+    if not target.coefficient:
+        return target
+    if not isinstance(formula, Expression) or target.coefficient > len(coefficients(formula)):
+        raise TargetError(f"{target} is no parameter of this scene: no formula has it")
+    return replace(target, along=partial(_by_coefficient, formula, target.coefficient))
+
+
+def _by_coefficient(formula: Expression, number: int, position: Any) -> Any:
+    change = ufl.variable(ufl.as_ufl(0.0))
+    return ufl.diff(_in_ufl(with_change(formula, number), position, change), change)
 
 
 #: Steps that a program may have in all.

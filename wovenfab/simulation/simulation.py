@@ -21,6 +21,7 @@ from wovenfab.simulation.checkpoint import SnapshotFormat, state_of
 from wovenfab.simulation.from_case import (
     constraints_of,
     driven_edge,
+    in_case,
     model_of,
     options_of,
     program_of_case,
@@ -130,6 +131,7 @@ class Simulation:
             TargetError: If the scene has no such parameter.
         """
         edge, direction = self._edge, self._direction
+        targets = [in_case(target, self.case) for target in targets]
         self.stepper.differentiate(targets, edge, direction, dissipation=dissipation)
 
     def steps(self) -> Iterator[Step]:

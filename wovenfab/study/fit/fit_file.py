@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -11,16 +12,21 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
 
-from forms.effect import Parameter, Target
+from forms.effect import Target
 from wovenfab.case import Case, CaseError, Document, Section, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import Problem, describe, near_miss, problems_in, wrong
-from wovenfab.case.quantities import Length
+from wovenfab.case.formula import Expression
+from wovenfab.case.quantities import Length, coefficients, with_coefficient
 from wovenfab.study.fit.measured import Measured, read_measured
 
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
 #: displacement and force of the machine where the sample has none.
 MACHINE = {"compliance": "m/N", "displacement": "m", "force": "N"}
+#: A parameter, perhaps of one family, or a coefficient of its formula.
+_PARAMETER = re.compile(
+    r"(?P<parameter>\w+)(?:\[(?P<family>[^]]*)\])?(?:#(?P<coefficient>[1-9]\d?))?"
+)
 
 
 def _file(suffixes: tuple[str, ...], value: Any, info: ValidationInfo) -> Path:
@@ -136,8 +142,9 @@ class FitFile(Section):
     parameters: Mapping[str, Sought | None] = Field(
         min_length=1, examples=[{"shear.stiffness": {"start": "4 N/m"}}]
     )
-    """What is sought: effect.parameter, effect.parameter[1] of one family, or one of the machine:
-    machine.compliance, machine.displacement, machine.force."""
+    """What is sought: effect.parameter, effect.parameter[1] of one family, effect.parameter#2 for
+    the second number in its formula, or one of the machine: machine.compliance,
+    machine.displacement, machine.force."""
 
     profiles: tuple[str, ...] = Field(default=(), examples=[["shear.stiffness"]])
     """Parameters over which the misfit is found with all others free: exact intervals, at the price
@@ -146,11 +153,11 @@ class FitFile(Section):
 
 @dataclass(frozen=True)
 class Unknown:
-    """A parameter with its bounds, in SI units.
+    """A parameter with its bounds, in its unit.
 
     Attributes:
         name: As in the fit file.
-        unit: SI unit.
+        unit: SI unit; as written for a coefficient of a formula.
         target: The material parameter; None for one of the machine.
         start: Where the search starts.
         scaled: Whether all strength and stiffness are multiplied for a start.
@@ -282,10 +289,8 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
         if rest == "compliance":
             least = 0.0
     else:
-        target = _target(effect, rest, case)
-        parameter = _parameter(target, case)
-        unit, value = parameter.unit, _value(target, case)
-        least = 0.0 if parameter.above is None else parameter.above
+        target = target_of(name, case)
+        unit, value, least = _meaning(target, case)
     start = _si(sought.start, unit) if sought.start is not None else value
     if sought.bounds is not None:
         low, high = (_si(b, unit) for b in sought.bounds)
@@ -302,11 +307,19 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
     by_factors = sought.scale == "log" or (sought.scale is None and low > 0)
     if by_factors and low <= 0:
         raise ValueError("a search by factors needs positive bounds|Take 'scale: linear'.")
-    return Unknown(name, unit, target, start, sought.start is None, (low, high), by_factors)
+    scaled = sought.start is None and target is not None and not target.coefficient
+    return Unknown(name, unit, target, start, scaled, (low, high), by_factors)
 
 
-def _target(effect: str, rest: str, case: Case) -> Target:
-    parameter, bracket, family = rest.partition("[")
+def target_of(name: str, case: Case) -> Target:
+    """Return the parameter of a case that a name means, such as ``bending.stiffness[1]``.
+
+    Raises:
+        ValueError: With message and remedy, between them a bar.
+    """
+    effect, _, rest = name.partition(".")
+    match = _PARAMETER.fullmatch(rest)
+    parameter = match["parameter"] if match else rest
     if effect not in case.effects:
         known = f"The effects are {', '.join(case.effects)}."
         raise ValueError(
@@ -315,27 +328,34 @@ def _target(effect: str, rest: str, case: Case) -> Target:
     if parameter not in case.effects[effect]:
         known = ", ".join(case.effects[effect])
         raise ValueError(f"{effect} has no parameter {parameter!r}|It has {known}.")
-    if not bracket:
-        return Target(effect, parameter)
-    if family not in ("1]", "2]"):
+    family, coefficient = (match["family"], match["coefficient"]) if match else (None, None)
+    if family not in (None, "1", "2"):
         raise ValueError("the families are [1] and [2]")
-    return Target(effect, parameter, (int(family[0]) - 1,))
+    families = (0, 1) if family is None else (int(family) - 1,)
+    return Target(effect, parameter, families, int(coefficient or 0))
 
 
-def _parameter(target: Target, case: Case) -> Parameter:
-    term = next(e for e in case.scene if e.name == target.effect)
-    return next(p for p in term.effect.parameters if p.name == target.parameter)
-
-
-def _value(target: Target, case: Case) -> float:
+def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
+    """Return a parameter's unit, its value in the case and its least value."""
     value = case.effects[target.effect][target.parameter]
     if isinstance(value, tuple):
+        if target.coefficient and value[0] != value[1] and len(target.families) == 2:
+            raise ValueError("each family has a formula of its own|Say which: [1] or [2].")
         value = value[target.families[0]]
     elif len(target.families) == 1:
         raise ValueError("both families have the same value|Give the case a pair of values.")
-    if not isinstance(value, float | int):
-        raise ValueError("the case gives this parameter by a formula|Give it a number to find.")
-    return float(value)
+    numbers = coefficients(value)
+    if target.coefficient:
+        if target.coefficient > len(numbers):
+            raise ValueError(f"the value has {len(numbers)} coefficients|A formula's are counted.")
+        number, unit = numbers[target.coefficient - 1]
+        return unit, number, -inf
+    if isinstance(value, Expression):
+        remedy = f"Seek its coefficients: {target}#1 to {target}#{len(numbers)}, in their order."
+        raise ValueError(f"the case gives this parameter by a formula|{remedy}")
+    term = next(e for e in case.scene if e.name == target.effect)
+    parameter = next(p for p in term.effect.parameters if p.name == target.parameter)
+    return parameter.unit, float(value), 0.0 if parameter.above is None else parameter.above
 
 
 def _si(value: float | str, unit: str) -> float:
@@ -355,16 +375,22 @@ def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, 
     Args:
         case: The case.
         unknowns: The parameters.
-        values: By their names, in SI units.
+        values: By their names, in their units.
     """
     for unknown in unknowns:
         if (target := unknown.target) is None:
             continue
-        new: Any = units.write(values[unknown.name], unknown.unit)
         old = case.effects[target.effect][target.parameter]
-        if isinstance(old, tuple) and len(target.families) == 1:
-            both: list[Any] = list(old)
-            both[target.families[0]] = new
-            new = both
-        case = case.changed({f"effects.{target.effect}.{target.parameter}": new})
+        pair = old if isinstance(old, tuple) else (old,)
+        new: list[Any] = [v.text if isinstance(v, Expression) else v for v in pair]
+        value = values[unknown.name]
+        for family in target.families if len(pair) == 2 else (0,):
+            formula, number = pair[family], target.coefficient
+            new[family] = (
+                with_coefficient(formula, number, value)
+                if isinstance(formula, Expression)
+                else units.write(value, unknown.unit)
+            )
+        key = f"effects.{target.effect}.{target.parameter}"
+        case = case.changed({key: new if len(pair) == 2 else new[0]})
     return case

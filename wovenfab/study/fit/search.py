@@ -107,7 +107,7 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
     the number that brings its forces nearest to the measured ones.
     """
     values = {u.name: u.start for u in fit.unknowns}
-    free = [u for u in fit.unknowns if u.scaled and u.target is not None and "N" in u.unit]
+    free = [u for u in fit.unknowns if u.scaled and "N" in u.unit]
     if not free:
         return values
     first = objective.attempt(values, COARSE)
