@@ -7,6 +7,8 @@ import subprocess
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from signal import SIGINT
+from time import sleep
 
 import numpy as np
 import pytest
@@ -313,6 +315,27 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
     refused = subprocess.run([*command[:4], "x.yaml"], capture_output=True, text=True)
     assert refused.returncode == 2 and "there is no such file" in refused.stderr
+
+
+def test_an_interrupted_fit_goes_on_with_the_runs_that_it_has(tmp_path: Path) -> None:
+    place(tmp_path, curve=curve_of(tmp_path))
+    command = [sys.executable, "-m", "wovenfab", "fit", str(tmp_path / "fit.yaml")]
+    command += ["-o", str(tmp_path / "out")]
+    runs = tmp_path / "out" / "runs"
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as fit:
+        while fit.poll() is None and (not runs.exists() or len(list(runs.iterdir())) < 3):
+            sleep(0.01)
+        fit.send_signal(SIGINT)
+        _, errors = fit.communicate(timeout=60)
+    assert fit.returncode == 130 and "to go on, repeat the command" in errors
+    done = {path: path.stat().st_mtime_ns for path in runs.iterdir()}
+    subprocess.run(command, capture_output=True, check=True)
+    assert {path: path.stat().st_mtime_ns for path in done} == done
+    assert len(list(runs.iterdir())) > len(done)
+    result = json.loads((tmp_path / "out" / "fit.json").read_text())
+    assert result["converged"]
 
 
 def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) -> None:
