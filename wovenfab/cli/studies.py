@@ -324,7 +324,8 @@ def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
     for i in known.intervals:
-        console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  (95 %: {i.low:.4g} to {i.high:.4g})")
+        interval = f"95 %: {i.low:.4g} to {i.high:.4g}" if i.determined else "not determined"
+        console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  ({interval})")
     console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
     return known
 

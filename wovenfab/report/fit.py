@@ -284,7 +284,8 @@ def draw_trials(axes: Axes, found: Found) -> None:
 def interval_table(known: Knowledge) -> Table:
     """Return the table of parameters with their intervals."""
     rows = [
-        [i.name, _shown(i.value, i.unit), _shown(i.low, i.unit), _shown(i.high, i.unit),
+        [i.name, _shown(i.value, i.unit),
+         *([_shown(i.low, i.unit), _shown(i.high, i.unit)] if i.determined else ["", ""]),
          "yes" if i.determined else "no"]
         for i in known.intervals
     ]  # fmt: skip
