@@ -167,8 +167,7 @@ class Token(NamedTuple):
 
 def tokens_of(text: str) -> list[Token]:
     """Return what a formula is written with, and its end."""
-    tokens = []
-    at = 0
+    tokens, at = list[Token](), 0
     while (at := at + len(text[at:]) - len(text[at:].lstrip())) < len(text):
         match = _TOKEN.match(text, at)
         if match is None:

@@ -49,7 +49,6 @@ from wovenfab.simulation.progress import memory, memory_of_machine
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
 from wovenfab.stepping.schemes import SCHEMES, Scheme
-from wovenfab.stepping.sensitivity import TargetError
 
 #: What the functions of a formula mean in UFL.
 UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -117,6 +116,8 @@ def in_case(target: Target, case: Case) -> Target:
     formula = value[target.families[0]] if isinstance(value, tuple) else value
     if not target.coefficient:
         return target
+    from wovenfab.stepping.sensitivity import TargetError  # no part of a plain run
+
     if not isinstance(formula, Expression) or target.coefficient > len(coefficients(formula)):
         raise TargetError(f"{target} is no parameter of this scene: no formula has it")
     return replace(target, along=partial(_by_coefficient, formula, target.coefficient))
