@@ -316,10 +316,7 @@ def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
             for name in fit.profiles
             if name in halves
         ]
-    notes = [*_headlines(found), *in_words(known, fit)]
-    notes += [
-        f"By its profile {one.name} is {one.low:.4g} to {one.high:.4g} (95 %)." for one in profiles
-    ]
+    notes = [*_headlines(found), *in_words(known, fit), *map(str, profiles)]
     write_result(fit, found, known, profiles, notes, directory)
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, profiles, notes, directory / PAGE)

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from wovenfab.record.results import this_process, write_whole
-from wovenfab.report.page_blocks import Block, Section, Table, Text, section, vector, write_page
+from wovenfab.report.page_blocks import Block, Section, Table, section, vector, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
     APART,
@@ -31,12 +31,14 @@ from wovenfab.report.style import (
     zero_line,
 )
 from wovenfab.study.fit.fit_file import Fit, with_values
-from wovenfab.study.fit.knowledge import Interval, Knowledge, in_words
+from wovenfab.study.fit.knowledge import Interval, Knowledge
 from wovenfab.study.fit.measured import Measured
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
 
+#: Range of an axis over its least value up to which more than powers of ten have labels.
+FEW_POWERS = 1e3
 PAGE, PICTURE, LAB = "fit.html", "fit.png", "lab.png"
 
 
@@ -158,8 +160,7 @@ def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
     def parameters() -> list[Block]:
         figure = Figure(figsize=(0.7 * WIDTH, 0.6 + 0.35 * len(known.intervals)))
         draw_intervals(figure.subplots(), known.intervals)
-        texts = [Text(line) for line in in_words(known, fit)]
-        return [interval_table(known), vector(figure, "intervals", "Intervals of 95 %"), *texts]
+        return [interval_table(known), vector(figure, "intervals", "Intervals of 95 %")]
 
     def correlations() -> list[Block]:
         figure = Figure(figsize=(0.6 * WIDTH, 0.5 * WIDTH))
@@ -247,8 +248,10 @@ def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Label 1, 2 and 5 times powers of ten with plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    """Label powers of ten with plain numbers, and twice and five times these if few."""
+    low, high = sorted(axis.get_view_interval())
+    few = high < FEW_POWERS * low
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

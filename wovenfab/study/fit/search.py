@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite, isinf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,6 +98,14 @@ class Profile:
     rise: tuple[float, ...]
     low: float
     high: float
+
+    def __str__(self) -> str:
+        """Return in a sentence which values the profile allows."""
+        if isinf(self.low) and isinf(self.high):
+            return f"By its profile {self.name} may have any value."
+        ends = [f"at least {self.low:.4g}"] * isfinite(self.low)
+        ends += [f"at most {self.high:.4g}"] * isfinite(self.high)
+        return f"By its profile {self.name} is {' and '.join(ends)} (95 %)."
 
 
 def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
