@@ -243,7 +243,7 @@ def read_fit(path: Path) -> Fit:
         for i, name in enumerate(given.profiles)
         if name not in given.parameters
     ]
-    problems += _untold(document, unknowns, tests)
+    problems += _lacking(document, unknowns, tests)
     if problems:
         raise CaseError(problems)
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
@@ -261,7 +261,7 @@ def _test(test: Test) -> MeasuredTest:
     return MeasuredTest(case, measured, error, test.weight, test.toe)
 
 
-def _untold(
+def _lacking(
     document: Document, unknowns: list[Unknown], tests: tuple[MeasuredTest, ...]
 ) -> list[Problem]:
     """Return what is asked of cases that lack the effect."""
@@ -347,7 +347,8 @@ def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
     numbers = coefficients(value)
     if target.coefficient:
         if target.coefficient > len(numbers):
-            raise ValueError(f"the value has {len(numbers)} coefficients|A formula's are counted.")
+            remedy = "They are the numbers of a formula, counted from 1."
+            raise ValueError(f"the value has {len(numbers)} coefficients|{remedy}")
         number, unit = numbers[target.coefficient - 1]
         return unit, number, -inf
     if isinstance(value, Expression):
