@@ -6,7 +6,7 @@ ranks = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive fuzz unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive fuzz random unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -47,6 +47,9 @@ bench: ## measure speed, as phases and ratios in one run
 
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
 	$(enter) python3 -m benchmarks.hard $(rows) $(quick)
+
+random: ## 1 % on fabrics drawn at random, count=100 of them, seed=1 (hours; goes on)
+	$(enter) python3 -m benchmarks.random_scenes $(count) $(seed)
 
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)

@@ -1,0 +1,261 @@
+"""``python -m benchmarks.random_scenes [COUNT] [SEED]``: 1 % on fabrics drawn at random.
+
+Each scene is run as a user would run it, on two ranks and with an empty cache of compiled forms.
+Its results are compared with those of finer cells of another degree and of half the steps. Rows
+are stored: a command that is repeated goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wovenfab.case import Case, read_case
+from wovenfab.record.results import markdown
+from wovenfab.study.runner import Command, Store, execute, fingerprint
+
+ROOT = Path(__file__).parents[1]
+COUNT, SEED = 100, 1
+ACCURACY, RANKS = 0.01, 2
+#: Seconds in which 1 % is wanted, and after which a run and its reference are ended.
+WANTED, LIMIT, REFERENCE_LIMIT = 60.0, 300.0, 900.0
+#: Error (%) that may be larger than what is said.
+MORE = 0.1
+#: Size of the reference's cells over that of the run, with a degree more and with a degree less,
+#: which it has where the run has the largest.
+FINER, FINER_BY_FAR, LARGEST_DEGREE = 0.6, 0.4, 4
+FIGURES = ("peak_force_N", "dissipated_J")
+
+
+@dataclass(frozen=True)
+class Row:
+    """A scene's errors and cost.
+
+    Attributes:
+        scene: Its number.
+        kind: Its effects and shape in words.
+        unknowns, steps: Of the run for the accuracy.
+        seconds: Its wall time with all trials and compiling.
+        stated, true: Largest relative error of the figures, as said and against the reference;
+            None where there is none.
+        reason: Why it fell short or failed; empty if not.
+    """
+
+    scene: int
+    kind: str
+    unknowns: int
+    steps: int
+    seconds: float
+    stated: float | None
+    true: float | None
+    reason: str
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the accuracy was reached in the time that is wanted."""
+        reached = self.true is not None and self.true <= ACCURACY and not self.reason
+        return reached and self.seconds <= WANTED
+
+    @property
+    def is_honest(self) -> bool:
+        """Whether the true error is not much above what is said."""
+        if self.true is None or self.stated is None:
+            return True
+        return 100 * (self.true - self.stated) <= MORE
+
+
+def scene(number: int, seed: int, folder: Path) -> Path:
+    """Write the case of a scene into a folder; return the file.
+
+    Args:
+        number: Of the scene; it and the seed decide on everything.
+        seed: Of all scenes.
+        folder: An existing folder.
+    """
+    draw = np.random.default_rng([seed, number])
+
+    def value(low: float, high: float, unit: str = "") -> str | float:
+        drawn = float(f"{np.exp(draw.uniform(np.log(low), np.log(high))):.4g}")
+        return f"{drawn:g} {unit}" if unit else drawn
+
+    width = float(value(0.05, 0.4))
+    length = float(f"{width * draw.uniform(1.5, 4.0):.4g}")
+    sheet, shape = _sheet(draw, length, width, folder)
+    if draw.random() < 0.5:
+        first, between = 45.0, 90.0
+    else:
+        first, between = draw.uniform(30, 60), draw.uniform(70, 110)
+    sheet["fibres"] = [f"{first:.1f} deg", f"{first - between:.1f} deg"]
+    effects: dict[str, Any] = {
+        "stretch": {"stiffness": value(1e5, 1.6e8, "N/m")},
+        "shear": {"stiffness": value(3, 1e3, "N/m")},
+        "bending": {"stiffness": value(1e-3, 3e2, "N*m")},
+    }
+    if draw.random() < 0.6:
+        effects["coupling"] = {"stiffness": value(1e5, 3e8, "N/m^3")}
+        if draw.random() < 0.8:
+            strength = value(1e3, 3e5, "N/m^2")
+            effects["slip_friction"] = _friction(draw, strength, value(10, 1e3, "s/m"))
+    if draw.random() < 0.4:
+        strength = value(1, 60, "N/m")
+        effects["spin_friction"] = _friction(draw, strength, value(3, 100, "s"))
+    pulled = f"{1e3 * length * draw.uniform(0.01, 0.06):.4g} mm"
+    velocity = value(1e-3, 0.1, "m/s")
+    if draw.random() < 0.5:
+        program = {"type": "cycles", "amplitudes": [pulled], "max_velocity": velocity}
+    else:
+        program = {"type": "ramp", "to": pulled, "steps": 20, "velocity": velocity}
+    case = {
+        "title": f"{shape}, {', '.join(effects)}, {program['type']}",
+        "sheet": sheet,
+        "effects": effects,
+        "boundary": {"left": "clamp", "right": {"displacement": ["program", 0]}},
+        "program": program,
+        "accuracy": f"{100 * ACCURACY:g} %",
+        "output": {"pictures": False},
+    }
+    path = folder / f"scene-{seed}-{number}.yaml"
+    path.write_text(json.dumps(case, indent=1), encoding="utf-8")
+    return path
+
+
+def _sheet(
+    draw: np.random.Generator, length: float, width: float, folder: Path
+) -> tuple[dict[str, Any], str]:
+    """Return the sheet's section and its shape: mostly rectangles, also holes and dog-bones."""
+    kind = draw.random()
+    if kind < 0.8:
+        return {"shape": "rectangle", "length": length, "width": width}, "rectangle"
+    if kind < 0.9:
+        shape = "hole"
+        sizes = {"length": length, "width": width, "radius": width * draw.uniform(0.1, 0.25)}
+    else:
+        shape = "dogbone"
+        narrow = width * draw.uniform(0.6, 0.9)
+        sizes = {"grip_length": 0.2 * length, "grip_width": width, "gauge_width": narrow}
+        sizes["gauge_length"] = 0.6 * length - (width - narrow)
+    text = (ROOT / "meshes" / f"{shape}.geo").read_text(encoding="utf-8")
+    for name, size in {**sizes, "size": width / 8}.items():
+        text = re.sub(rf"\b{name} = {{[^}}]*}}", f"{name} = {{{size:.5g}}}", text)
+    (folder / f"{shape}.geo").write_text(text, encoding="utf-8")
+    return {"file": f"{shape}.geo"}, shape
+
+
+def _friction(draw: np.random.Generator, strength: str | float, slope: str | float) -> Any:
+    if draw.random() < 0.25:
+        return {"law": "coulomb", "strength": strength}
+    return {"strength": strength, "slope": slope}
+
+
+def row(number: int, seed: int, folder: Path) -> Row:
+    """Run a scene and its reference.
+
+    Args:
+        number: Of the scene.
+        seed: Of all scenes.
+        folder: For its files and results.
+    """
+    path, out = scene(number, seed, folder), folder / "run"
+    kind = read_case(path).title
+    cache = {"XDG_CACHE_HOME": str(folder / "cache")}
+    ended = execute(_run(path, out, LIMIT, cache))
+    if ended.failure:
+        return Row(number, kind, 0, 0, ended.seconds, None, None, ended.failure)
+    summary = _summary(out)
+    said = summary["accuracy"]
+    errors = [f["relative_error"] for f in said.get("figures", {}).values()]
+    stated = max(errors, default=None)
+    reference = folder / "reference"
+    finer = finer_case(read_case(out / "case.yaml"))
+    (folder / "reference.yaml").write_text(finer.to_yaml(), encoding="utf-8")
+    checked = execute(_run(folder / "reference.yaml", reference, REFERENCE_LIMIT, cache))
+    true = None
+    if not checked.failure:
+        exact = _summary(reference)
+        true = max(abs(summary[f] / exact[f] - 1) for f in FIGURES if exact.get(f))
+    reason = said["shortfall"] or (f"no reference: {checked.failure}" if checked.failure else "")
+    return Row(
+        number, kind, summary["unknowns"], summary["steps"], ended.seconds, stated, true, reason
+    )
+
+
+def finer_case(case: Case) -> Case:
+    """Return the case of a run with finer cells of another degree, and with steps half as long."""
+    d, time = case.discretisation, case.time
+    degree, size = d.degree + 1, FINER
+    if d.degree == LARGEST_DEGREE:
+        degree, size = d.degree - 1, FINER_BY_FAR
+    changes: dict[str, Any] = {
+        "discretisation.degree": degree,
+        "time.steps_per_cycle": 2 * time.steps_per_cycle,
+    }
+    if d.mesh_size is not None:
+        changes["discretisation.mesh_size"] = size * d.mesh_size
+    if time.tolerance is not None:
+        changes["time.tolerance"] = time.tolerance / 4
+    if steps := getattr(case.program[0], "steps", None):
+        changes["program.steps"] = 2 * steps
+    return case.changed(changes)
+
+
+def _run(path: Path, out: Path, limit: float, cache: Mapping[str, str]) -> Command:
+    arguments = ["-m", "wovenfab", "run", str(path), "-o", str(out)]
+    return Command(arguments, RANKS, limit=limit, environment=cache)
+
+
+def _summary(out: Path) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return content
+
+
+def table(rows: list[Row]) -> str:
+    """Return the rows as a table, and what they amount to."""
+
+    def percent(share: float | None) -> str:
+        return "" if share is None else f"{100 * share:.2g} %"
+
+    cells = [
+        [str(r.scene), r.kind, str(r.unknowns), str(r.steps), f"{r.seconds:.0f} s",
+         percent(r.stated), percent(r.true), r.reason]
+        for r in rows
+    ]  # fmt: skip
+    head = ["scene", "what it has", "unknowns", "steps", "time", "stated", "true", "fell short"]
+    good = sum(r.is_good for r in rows)
+    dishonest = [str(r.scene) for r in rows if not r.is_honest]
+    words = [
+        f"{good} of {len(rows)} within {100 * ACCURACY:g} % and {WANTED:g} s on {RANKS} ranks.",
+        f"True error more than {MORE:g} % above the stated one: {', '.join(dishonest) or 'none'}.",
+    ]
+    return "\n".join([markdown(head, cells), "", *words])
+
+
+def main(count: int, seed: int) -> None:
+    """Run the scenes, print each row and the table."""
+    results, rows = Path("results").resolve() / "random", []
+    store = Store(results)
+    for number in range(1, count + 1):
+        name = f"{seed}-{number}"
+        folder = results / name
+        folder.mkdir(parents=True, exist_ok=True)
+        key = fingerprint(read_case(scene(number, seed, folder)), Path(__file__))
+        known = store.load(name, key)
+        made = Row(**known) if known else row(number, seed, folder)
+        store.save(name, key, asdict(made))
+        for made_by in ("cache", "run", "reference"):
+            shutil.rmtree(folder / made_by, ignore_errors=True)
+        rows.append(made)
+        print(made, flush=True)
+    print("\n" + table(rows))
+
+
+if __name__ == "__main__":
+    given = [int(text) for text in sys.argv[1:3]]
+    main(*(given + [COUNT, SEED][len(given) :]))

@@ -1,0 +1,46 @@
+"""Scenes drawn at random: they are valid, differ, and are the same for the same seed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.random_scenes import ACCURACY, Row, finer_case, scene, table
+from wovenfab.case import read_case
+
+
+def test_scenes_are_valid_and_of_all_kinds(tmp_path: Path) -> None:
+    titles = [read_case(scene(number, 1, tmp_path)).title for number in range(1, 61)]
+    assert len(set(titles)) > 12
+    for kind in ("hole", "dogbone", "rectangle", "coupling", "slip_friction", "spin", "ramp"):
+        assert any(kind in title for title in titles)
+
+
+def test_a_scene_depends_on_its_number_and_the_seed_alone(tmp_path: Path) -> None:
+    texts = [scene(*of, tmp_path).read_text() for of in ((7, 1), (8, 1), (7, 2), (7, 1))]
+    assert texts[0] == texts[3]
+    assert len(set(texts)) == 3
+
+
+def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(tmp_path: Path) -> None:
+    chosen = {
+        "accuracy": None,
+        "discretisation": {"degree": 4, "mesh_size": "20 mm"},
+        "program": {"type": "ramp", "to": "3 mm", "steps": 20, "velocity": "1 mm/s"},
+    }
+    resolved = tmp_path / "case.yaml"
+    resolved.write_text(read_case(scene(1, 1, tmp_path), chosen).to_yaml())
+    finer = finer_case(read_case(resolved))
+    assert finer.discretisation.degree == 3
+    assert finer.discretisation.mesh_size == pytest.approx(0.008)
+    assert finer.program[0].steps == 40
+
+
+def test_rows_tell_reached_accuracy_from_honesty() -> None:
+    good = Row(1, "", 1, 1, 5.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
+    slow = Row(2, "", 1, 1, 500.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
+    liar = Row(3, "", 1, 1, 5.0, 0.6 * ACCURACY, 0.8 * ACCURACY, "")
+    words = table([good, slow, liar])
+    assert good.is_good and good.is_honest and not slow.is_good and not liar.is_honest
+    assert "2 of 3 within 1 % and 60 s" in words and "stated one: 3." in words
