@@ -94,7 +94,7 @@ class Run:
     Attributes:
         case: What was run.
         history: A row for the start and for each step.
-        summary: What ``summary.json`` has.
+        summary: What ``summary.json`` has; empty where the run was killed or is going on.
         directory: The results directory; None of a run in memory.
     """
 
@@ -106,7 +106,7 @@ class Run:
     @property
     def finished(self) -> bool:
         """Whether the program came to its end."""
-        return bool(self.summary["outcome"] == FINISHED)
+        return bool(self.summary.get("outcome") == FINISHED)
 
     @cached_property
     def fields(self) -> StoredFields:
@@ -128,6 +128,8 @@ class Run:
         """Say what was run, how it ended and its main figures."""
         s = self.summary
         where = f", in {self.directory}" if self.directory else ""
+        if not s:
+            return f"Run({self.case.name}: killed or going on, {self.history}{where})"
         return (
             f"Run({self.case.name}: {s['outcome']}, {s['steps']} steps, peak force "
             f"{s['peak_force_N']:.6g} N, dissipated {s['dissipated_J']:.6g} J{where})"

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+import wovenfab
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.interface import Execution, execute
 from wovenfab.parallel import child_environment
@@ -280,6 +281,26 @@ def test_a_run_whose_disk_is_full_goes_on_once_there_is_room(
     assert b"Traceback" not in ended.stderr
     assert before == {name: (place / name).read_bytes() for name in before}
     assert_same(run(case, place, resume=True), whole, 0.0)
+
+
+def test_a_run_whose_disk_is_full_before_its_first_checkpoint_says_that_there_is_none(
+    tmp_path: Path,
+) -> None:
+    path, place = tmp_path / "case.yaml", tmp_path / "out"
+    path.write_text(small("bias-1x3", "output.every=1", "output.checkpoint=false").to_yaml())
+    limited = LIMITED.replace('"resume", sys.argv[2]]', '"run", *sys.argv[2:]]')
+    ended = subprocess.run(
+        [sys.executable, "-c", limited, "50000", path, "-o", place],
+        env=child_environment(),
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert ended.returncode == 4
+    assert "there was no checkpoint yet" in ended.stderr
+    assert "resume" not in ended.stderr and "Traceback" not in ended.stderr
+    read = wovenfab.read_results(place)
+    assert not read.finished and "killed or going on" in repr(read)
+    assert np.isfinite(read.history["force"]).all()
 
 
 def test_a_clock_that_is_set_back_changes_nothing(

@@ -23,7 +23,7 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
-from wovenfab.record.results import NothingToResumeError, ResultsExistError
+from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
 
 SLOW_BLAS = (
@@ -132,6 +132,8 @@ def _cannot_write(error: OSError, directory: Path, begun: bool) -> str:
     what = f"{error.filename or directory} cannot be written: {error.strerror or error}"
     if not begun:
         return what
+    if not has_checkpoint(directory):
+        return f"{what}. The results before that are in {directory}; there was no checkpoint yet"
     return (
         f"{what}. The results and the checkpoint before that are in {directory}; make room, then "
         f"'wovenfab resume {directory}' goes on"

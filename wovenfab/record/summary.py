@@ -232,8 +232,11 @@ def write_summary(
 
 
 def read_summary(directory: str | Path) -> dict[str, Any]:
-    """Return the content of ``summary.json``."""
-    content: dict[str, Any] = json.loads((Path(directory) / SUMMARY).read_text(encoding="utf-8"))
+    """Return the content of ``summary.json``, empty where a run was killed or is going on."""
+    try:
+        content: dict[str, Any] = json.loads((Path(directory) / SUMMARY).read_text("utf-8"))
+    except (FileNotFoundError, json.JSONDecodeError):
+        return {}
     return content
 
 

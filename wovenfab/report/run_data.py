@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from math import cos, sin
 from pathlib import Path
@@ -68,7 +67,7 @@ def open_run_data(directory: str | Path) -> RunData:
     history = read_history(folder)
     if not len(history.get("step", ())):
         raise ValueError(f"{folder} has a history without a single step: nothing to draw")
-    case, summary = case_of(folder), _summary(folder)
+    case, summary = case_of(folder), read_summary(folder)
     angles = (case.get("sheet") or {}).get("fibres")
     fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
@@ -90,7 +89,7 @@ def case_of(directory: str | Path) -> dict[str, Any]:
 
 def origin_of(directory: str | Path) -> Provenance:
     """Return the provenance of a picture of a run: the run's command, then this process."""
-    run, here = of_summary(_summary(directory)), this_process()
+    run, here = of_summary(read_summary(directory)), this_process()
     return run.then(here) if run else here
 
 
@@ -134,13 +133,6 @@ def times_between(stored: StoredFields, start: float, end: float) -> NDArray[np.
 def _displacement(source: RunData, stored: StoredFields) -> NDArray[np.float64]:
     history = source.history
     return np.interp(stored.times, history["time_s"], history["displacement_m"])
-
-
-def _summary(directory: str | Path) -> dict[str, Any]:
-    try:
-        return read_summary(directory)
-    except (FileNotFoundError, json.JSONDecodeError):
-        return {}
 
 
 def _direction(angle: float | str) -> tuple[float, float]:
