@@ -1,8 +1,12 @@
-"""One case stepped to its end, with the figures of the suite."""
+"""One case stepped to its end, with the figures of the suite; one that was killed goes on."""
 
 from __future__ import annotations
 
+import hashlib
+import os
+import pickle
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +16,9 @@ from numpy.typing import NDArray
 from benchmarks.hard.row import Figures, Setting
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
+from wovenfab.parallel import on_root
+from wovenfab.record.results import has_checkpoint, write_whole
+from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Observer, Simulation
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -20,6 +27,10 @@ from wovenfab.stepping.step import Step, StepSizeControl
 
 #: Steps below which a sum of work by the trapezoidal rule says nothing.
 ENOUGH_STEPS = 10
+#: Variable with the folder for the checkpoints of a row; without it there are none.
+FOLDER = "WOVENFAB_HARD_FOLDER"
+#: Time or steps between two of them.
+EVERY = "10 s"
 
 
 class Measurement:
@@ -48,7 +59,8 @@ class Measurement:
             solver: Another solver than the setting's, for comparison.
             step_size: Another step size control, for comparison.
         """
-        case = setting.case
+        case = setting.case.changed(f"output.checkpoint={EVERY}")
+        self._setting = setting
         sheet = sheet_of(case, comm or MPI.COMM_WORLD)
         self.simulation = Simulation(
             case, sheet, solver=solver or setting.solver, step_size=step_size
@@ -74,8 +86,13 @@ class Measurement:
         return self.equilibrium.problem.constraints
 
     def run(self, *observers: Observer) -> Measurement:
-        """Go through the program and free the PETSc objects; collective."""
-        margins, crossing = [np.inf], self.equilibrium.crossing
+        """Go through the program and free the PETSc objects; collective.
+
+        It goes on from where an earlier process was killed, unless there are observers: they have
+        not seen the steps before that.
+        """
+        checkpoints = () if observers else self._checkpoints()
+        margins, crossing = [np.inf, *self.margins], self.equilibrium.crossing
 
         def monitor(snes: Any, *_: Any) -> None:
             self.equilibrium.problem.load(snes.getSolution())
@@ -89,11 +106,33 @@ class Measurement:
             self.margins.append(min(margins))
 
         with self.simulation:
-            failure = self.simulation.run(record, *observers).failure
+            failure = self.simulation.run(record, *observers, *checkpoints).failure
         if failure is not None:
             self.end, self.loss = str(failure), getattr(failure, "loss", None)
         self.margins[-1] = min(margins)
         return self
+
+    def _checkpoints(self) -> tuple[Observer, ...]:
+        """Take the state of the last checkpoint, if any; return what writes others. Collective."""
+        if FOLDER not in os.environ:
+            return ()
+        comm, setting = self.simulation.comm, self._setting
+        what = "\0".join(
+            [setting.base, *setting.overrides, setting.solver.__name__, str(comm.size)]
+        )
+        place = Path(os.environ[FOLDER]) / hashlib.sha256(what.encode()).hexdigest()[:16]
+        rows = place / "steps.pickle"
+        if comm.bcast(has_checkpoint(place)):
+            kept = load_checkpoint(place, comm)
+            self.simulation.resume(kept)
+            steps, margins = comm.bcast(pickle.loads(rows.read_bytes()) if comm.rank == 0 else None)
+            self.steps, self.margins = steps[: kept.step + 1], margins[: kept.step + 1]
+        on_root(comm, lambda: place.mkdir(parents=True, exist_ok=True))
+
+        def write_steps() -> None:
+            write_whole(rows, pickle.dumps((self.steps, self.margins)))
+
+        return (Checkpoints(self.simulation, place, dict, write_steps),)
 
     @property
     def force(self) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -14,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.hard.families import row_named
+from benchmarks.hard.measurement import FOLDER
 from benchmarks.hard.row import Figures, Row
 from wovenfab.record.results import this_process
 from wovenfab.simulation.progress import peak_memory
@@ -71,10 +73,14 @@ def row_fingerprint(row: Row) -> str:
 
 
 def run_row(row: Row, quick: bool) -> Result:
-    """Run a row in a process of its own."""
+    """Run a row in a process of its own; if this one is killed, the next call goes on."""
     arguments = ["-m", "benchmarks.hard.results", row.name, *(["--quick"] if quick else [])]
     limit = QUICK_LIMIT if quick else LIMIT
-    ended = execute(Command(arguments, ranks=row.ranks, limit=limit, folder=ROOT))
+    parts = ROOT / "results" / "hard" / "parts" / f"{row.name}-{row_fingerprint(row)}"
+    more = {FOLDER: str(parts)}
+    command = Command(arguments, ranks=row.ranks, limit=limit, environment=more, folder=ROOT)
+    ended = execute(command)
+    shutil.rmtree(parts, ignore_errors=True)
     if ended.failure:
         return Result(None, ended.failure, ended.seconds)
     data, commit = ended.result, this_process().commit
