@@ -30,7 +30,7 @@ ENOUGH_STEPS = 10
 #: Variable with the folder for the checkpoints of a row; without it there are none.
 FOLDER = "WOVENFAB_HARD_FOLDER"
 #: Time or steps between two of them.
-EVERY = "10 s"
+EVERY = "2 s"
 
 
 class Measurement:
