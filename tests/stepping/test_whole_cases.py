@@ -1,6 +1,4 @@
-"""Derivatives of the cases in configs/, against differences of whole runs: twelve smooth scenes
-and one with kinks.
-"""
+"""Derivatives of whole cases against differences of runs: twelve smooth scenes, one with kinks."""
 
 from __future__ import annotations
 
