@@ -46,6 +46,15 @@ Jobs = Annotated[
         "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
     ),
 ]
+OnCluster = Annotated[
+    str,
+    typer.Option(
+        "--cluster",
+        metavar="local|slurm|ADDRESS",
+        help="Where runs are made: here, by jobs of Slurm, or by a Dask scheduler (tcp://HOST:PORT).",
+    ),
+]
+Ranks = Annotated[int, typer.Option("--ranks", min=1, help="MPI ranks of each run.")]
 Output = Annotated[
     Path | None,
     _directory(
@@ -224,6 +233,8 @@ def fit(
     ],
     output: Output = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Find material parameters from measured curves: values, intervals, a page, the fitted case.
 
@@ -232,8 +243,9 @@ def fit(
     compared by their misfit and by the Bayesian information criterion.
     """
     from wovenfab.cli.studies import fit_all
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(fit_all(files, output, jobs or os.cpu_count() or 1))
+    sys.exit(fit_all(files, output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()
@@ -287,6 +299,8 @@ def sweep(
     overrides: Overrides = None,
     output: SweepOutput = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Run a case with other values side by side: a table and a picture of all loops.
 
@@ -294,8 +308,9 @@ def sweep(
     Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
     """
     from wovenfab.cli.studies import run_sweep
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()
