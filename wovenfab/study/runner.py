@@ -157,8 +157,9 @@ def _launcher(ranks: int) -> list[str]:
 
 def _environment(command: Command) -> dict[str, str]:
     environment = child_environment()
-    if command.ranks > 1:  # mpirun needs its variables
-        environment = {**os.environ, **{n: environment[n] for n in PYTHON_PATHS}}
+    if command.ranks > 1:  # mpirun needs its variables, and stays on this machine
+        kept = {n: v for n, v in os.environ.items() if not n.startswith("SLURM_")}
+        environment = {**kept, **{n: environment[n] for n in PYTHON_PATHS}}
     return {"OMP_NUM_THREADS": "1"} | environment | dict(command.environment)
 
 
