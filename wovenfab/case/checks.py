@@ -301,9 +301,9 @@ def _accuracy(
 
 @_rule
 def _tolerance(time: Time) -> Iterator[Finding]:
-    if time.tolerance is not None and time.scheme != "bdf2":
+    if time.tolerance is not None and not time.scheme.startswith("bdf"):
         reason = f"the error of a step is not measured with {time.scheme}"
-        yield ("time", "tolerance"), reason, "Use 'scheme: bdf2', or leave this key out."
+        yield ("time", "tolerance"), reason, "Use 'scheme: bdf3', or leave this key out."
 
 
 def values_at(value: Value, x: Array, y: Array, program: float = 0.0) -> Array:

@@ -133,7 +133,7 @@ class Time(Section):
     steps_per_cycle: Annotated[int, Count(least=4, most=1_000_000, even=True)] = 80
     """Steps of each cycle, even so that the reversal is hit."""
 
-    scheme: Literal["bdf2", "backward-euler", "midpoint"] = "bdf2"
+    scheme: Literal["bdf2", "bdf3", "backward-euler", "midpoint"] = "bdf2"
     """How rates are formed."""
 
     tolerance: Annotated[float, Quantity(above=0, most=1)] | None = None

@@ -9,10 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 
 import basix.ufl
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles, Hold, Ramp
@@ -147,8 +149,16 @@ class Response:
         return peak_force_bound(self.times, self.forces)
 
 
+class TooLongError(RuntimeError):
+    """A run was given up, because it took longer than it was allowed to."""
+
+
 def response_of(
-    case: Case, sheet: Sheet, lower: Response | None = None, with_states: bool = False
+    case: Case,
+    sheet: Sheet,
+    lower: Response | None = None,
+    with_states: bool = False,
+    seconds: float = inf,
 ) -> Response:
     """Return the response of a case; collective.
 
@@ -158,8 +168,10 @@ def response_of(
         lower: The response of lower degree on the same mesh, with its states: the initial
             guess of steps to the same times, which takes fewer tangents.
         with_states: Whether the response has its states.
+        seconds: Wall time of the steps after which the run is given up.
 
     Raises:
+        TooLongError: If that is over.
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
@@ -176,6 +188,8 @@ def response_of(
 
         def observe(step: Step) -> None:
             nonlocal at_peak, largest
+            if simulation.comm.allreduce(perf_counter() - start, op=MPI.MAX) > seconds:
+                raise TooLongError(f"more than {seconds:.0f} s after {step.number} steps")
             if step.milestone is None and not every:
                 return
             if abs(step.force) > largest:

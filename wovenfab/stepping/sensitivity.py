@@ -86,8 +86,8 @@ class TangentLinear:
         self._compiled: dict[int, tuple[Model, SensitivityForms, PointSensitivity | None]] = {}
         self._forms()
         size = problem.model.field.x.array.size
-        # Derivatives of the last two accepted states and of the stage state.
-        self._states = [np.zeros((len(targets), size)) for _ in range(2)]
+        # Derivatives of the last accepted states that rates use and of the stage state.
+        self._states = [np.zeros((len(targets), size)) for _ in range(max(2, scheme.memory))]
         self._now = np.zeros((len(targets), size))
         self._stresses: list[Array] = []
         zero: Array = np.zeros(len(targets))
@@ -130,7 +130,7 @@ class TangentLinear:
             before = self._states[0]
             self._now = before + (self._now - before) / self._stage
             self.derivatives = Derivatives(self._force_at_end(), self.derivatives.dissipated)
-        self._states = [self._now.copy(), self._states[0]]
+        self._states = [self._now.copy(), *self._states[:-1]]
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""

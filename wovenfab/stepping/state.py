@@ -24,7 +24,7 @@ KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
 #: What a later step depends on.
-MEMORY = "time", "number", "states", "steps"
+MEMORY = "time", "number", "states", "steps", "at_rest"
 
 
 class State:
@@ -35,6 +35,7 @@ class State:
         number: Of accepted steps.
         states: Accepted states, latest first, m.
         steps: Times between them since the velocity last jumped, s.
+        at_rest: Whether the motion began smoothly from rest and its velocity never jumped.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class State:
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
+        self.at_rest = True
 
     def begin(self) -> None:
         """Take the present state as that at all earlier times, too."""
@@ -80,7 +82,7 @@ class State:
         start, end = (self._program.displacement(t) for t in (self.time, until))
         self._solver.problem.prescribe(start + scheme.stage * (end - start))
         if model.rate_weights:
-            self._set_rate(scheme.weights(step, self._step_before(step, jump)))
+            self._set_rate(scheme.weights(self.lengths(step, jump)))
         model.last.x.array[:] = self.states[0]
         self._predict(until, scheme.stage * step, jump)
         return self._solver.solve()
@@ -98,7 +100,7 @@ class State:
             step = until - self.time
             field[:] = self.states[0] + change
             if model.rate_weights:
-                self._set_rate(end_weights(step, self._step_before(step, jump) or step))
+                self._set_rate(end_weights(self.lengths(step, jump)[: scheme.order]))
             model.loading.set(self._program.displacement(until))
         return change
 
@@ -112,6 +114,7 @@ class State:
         self._solver.accept()
         self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
         self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
+        self.at_rest &= not jump
         self.time = until
         self.number += 1
 
@@ -120,11 +123,18 @@ class State:
         self._model.field.x.array[:] = self.states[0]
         self._solver.restore()
 
-    def _step_before(self, step: float, jump: bool) -> float | None:
-        """Return the length of the last step; at rest before the start, so as if equal."""
-        if jump:
-            return None
-        return self.steps[0] if self.steps else step
+    def lengths(self, step: float, jump: bool) -> list[float]:
+        """Return the lengths of a step and of those before it that its rate may look back over.
+
+        What rested before the start did so in steps of any length.
+
+        Args:
+            step: Length of the step, s.
+            jump: The velocity jumps at its start.
+        """
+        known = [step] if jump else [step, *self.steps]
+        rest = KEPT - len(known) if self.at_rest and not jump else 0
+        return [*known, *(known[-1] for _ in range(rest))]
 
     def _set_rate(self, weights: tuple[float, ...]) -> None:
         for constant, weight in zip(self._model.rate_weights, weights, strict=True):

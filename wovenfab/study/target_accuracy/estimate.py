@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -122,14 +123,20 @@ class DegreeRefinement:
 
 
 def response_with_degree(
-    case: Case, sheet: Sheet, degree: int, share: float = FEW, lower: Response | None = None
+    case: Case,
+    sheet: Sheet,
+    degree: int,
+    share: float = FEW,
+    lower: Response | None = None,
+    seconds: float = inf,
 ) -> Response:
     """Return the response of a case with another degree and a share of its steps; collective.
 
-    The response of a lower degree with the same steps is the initial guess.
+    The response of a lower degree with the same steps is the initial guess. It is given up
+    after so many seconds of wall time.
     """
     trial = with_elements(with_steps(case, share), degree=degree)
-    return response_of(trial, sheet, lower, with_states=True)
+    return response_of(trial, sheet, lower, with_states=True, seconds=seconds)
 
 
 @dataclass(frozen=True)
