@@ -9,8 +9,8 @@ import pytest
 
 import forms
 from forms.effect import Effect, Needs, Parameter
-from wovenfab.case import CaseError, SceneEffect, read_case
-from wovenfab.case.effects import Scene, Values, acting, lacking, needs_of_scene
+from wovenfab.case import CaseError, read_case
+from wovenfab.case.effects import Scene, SceneEffect, Values, acting, lacking, needs_of_scene
 
 
 def scene_of(*names: str, **values: Values) -> Scene:

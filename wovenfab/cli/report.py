@@ -19,11 +19,7 @@ def report_results(
 ) -> int:
     """Report one run in its directory, or several on one page; return the exit code.
 
-    Args:
-        directories: The results directories.
-        output: The page of several runs, if not in the folder that holds them.
-        animation: Whether to draw one cycle in motion, too.
-        lab: A measured curve, over which the runs are drawn.
+    ``lab`` is a measured curve, over which the runs are drawn.
     """
     console = Console()
     for directory in directories:

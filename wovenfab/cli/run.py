@@ -58,14 +58,7 @@ class Options:
 def run_case(
     path: Path, output: Path | None, overrides: Sequence[str], options: Options | None = None
 ) -> int:
-    """Run a case file and return the exit code; collective.
-
-    Args:
-        path: The case file.
-        output: The results directory; ``results/<name of the case>`` if None.
-        overrides: Values that replace those of the file.
-        options: How it is run.
-    """
+    """Run a case file, in ``results/<its name>`` by default; return the exit code; collective."""
     started, options = time.perf_counter(), options or Options()
     case, until = read_case(path, overrides), _seconds(options.until)
     directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case import Boundary, Case, Component, Rectangle
+from wovenfab.case import Case, Component, Rectangle
+from wovenfab.case.boundary import Boundary
 from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
 

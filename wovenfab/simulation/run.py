@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.model.fields import FieldProbe
-from wovenfab.model.model import preserved
+from wovenfab.model.model import Model, preserved
 from wovenfab.parallel import on_root
 from wovenfab.record.bias_extension import bias_extension_of
-from wovenfab.record.field_file import MODE, Checkpoint
+from wovenfab.record.field_file import FIELDS, MODE, Checkpoint
 from wovenfab.record.fields import FieldSeries, Lattice
 from wovenfab.record.history import History, HistoryRows, read_history
 from wovenfab.record.results import this_process, write_whole
@@ -28,8 +28,6 @@ from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step
 
 Columns = dict[str, NDArray[np.float64]]
-#: Counters of an outcome that go on with a run.
-EFFORT = "steps", "iterations", "tangents", "cutbacks"
 
 
 @dataclass(frozen=True)
@@ -90,17 +88,13 @@ def run(
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
     observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
-    outcome = Outcome(**before["outcome"])
+    simulation.outcome = Outcome(**before["outcome"])
     parts = [Part(**part) for part in before["parts"]]
 
     def parts_so_far() -> list[Part]:
         origin = this_process(comm.size)
         seconds = dict(watch.seconds)
         return [*parts, Part(max(first, 0), comm.size, origin.command, origin.commit, seconds)]
-
-    def count(step: Step) -> None:
-        nonlocal outcome
-        outcome = outcome.after(step)
 
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
@@ -117,11 +111,10 @@ def run(
                     fields(step)
 
             def state() -> dict[str, Any]:
-                effort = {name: getattr(outcome, name) for name in EFFORT}
                 return {
                     "run": {
                         "parts": [asdict(part) for part in parts_so_far()],
-                        "outcome": effort,
+                        "outcome": simulation.outcome.effort,
                         "losses": modes.figures,
                         "planned": fields.planned,
                         "errors": errors,
@@ -134,7 +127,7 @@ def run(
                 with watch.phase("checkpoints"):
                     checkpoints(step)
 
-            observers = [modes, history.append, write_fields, count, write_checkpoint]
+            observers = [modes, history.append, write_fields, write_checkpoint]
         if checkpoint is not None:
             simulation.resume(checkpoint)
         progress(Progress("stepping", unknowns=model.unknowns))
@@ -143,7 +136,6 @@ def run(
             *observers,
             lambda step: progress(Progress("stepping", step.time / end, step, model.unknowns)),
             watch=watch,
-            outcome=outcome,
             until=until,
             interruption=interruption,
         )
@@ -186,6 +178,20 @@ def total(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
     return sums
 
 
+def _opened(
+    model: Model, directory: Path, groups: Sequence[str], until: int, name: str = FIELDS
+) -> tuple[FieldProbe, FieldSeries]:
+    """Return what evaluates groups of fields, and the files that get them; collective."""
+    lattice = Lattice(model.balance.degree)
+    probe = FieldProbe(model, groups, lattice.points)
+    units = {f.name: f.unit or "1" for f in probe.fields}
+    if name == MODE:
+        units |= {field.replace("displacement", "mode"): "1" for field in units}
+    places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
+    series = FieldSeries(directory, model.comm, lattice, places, cells, units, name, until)
+    return probe, series
+
+
 class FieldWriter:
     """Writes the chosen fields every so many planned steps, at reversals and at the end.
 
@@ -207,18 +213,7 @@ class FieldWriter:
         case, program = simulation.case, simulation.program
         self._every = case.output.every
         self._always = {*program.reversals, program.milestones[-1].time}
-        lattice = Lattice(case.discretisation.degree)
-        self._probe = FieldProbe(simulation.model, case.output.fields, lattice.points)
-        units = {f.name: f.unit or "1" for f in self._probe.fields}
-        self._series = FieldSeries(
-            directory,
-            simulation.comm,
-            lattice,
-            self._probe.positions().reshape(-1, 2),
-            simulation.model.sheet.original_cells[self._probe.cells],
-            units,
-            until=until,
-        )
+        self._probe, self._series = _opened(simulation.model, directory, case.output.fields, until)
         self.planned = planned
 
     def __call__(self, step: Step) -> None:
@@ -229,9 +224,7 @@ class FieldWriter:
         if self.planned % self._every and step.milestone.time not in self._always:
             return
         data = {
-            name: np.ascontiguousarray(v.reshape(-1, v.shape[2]).squeeze(axis=1))
-            if v.shape[2] == 1
-            else v.reshape(-1, v.shape[2])
+            name: v.ravel() if v.shape[2] == 1 else v.reshape(-1, v.shape[2])
             for name, v in self._probe.values().items()
         }
         self._series.write(step.number, step.time, data)
@@ -271,7 +264,11 @@ class ModeWriter:
     def add(self, loss: StabilityLoss) -> None:
         """Write a loss; collective. The model's field is left as it is."""
         if self._directory is not None:
-            probe, series = self._files = self._files or self._start(self._directory)
+            model, last = self._simulation.model, len(self.figures) - 1
+            self._files = self._files or _opened(
+                model, self._directory, ["displacement"], last, MODE
+            )
+            probe, series = self._files
             data = {}
             for part, values in (("displacement", loss.saddle), ("mode", loss.mode)):
                 for name, at_points in self._evaluated(probe, values).items():
@@ -286,18 +283,6 @@ class ModeWriter:
                 "negative_eigenvalues": loss.negatives,
             }
         )
-
-    def _start(self, directory: Path) -> tuple[FieldProbe, FieldSeries]:
-        model = self._simulation.model
-        lattice = Lattice(model.balance.degree)
-        probe = FieldProbe(model, ["displacement"], lattice.points)
-        units = {f.name: f.unit for f in probe.fields}
-        units |= {name.replace("displacement", "mode"): "1" for name in units}
-        places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
-        series = FieldSeries(
-            directory, model.comm, lattice, places, cells, units, MODE, len(self.figures) - 1
-        )
-        return probe, series
 
     def _evaluated(
         self, probe: FieldProbe, values: NDArray[np.float64]

@@ -209,9 +209,9 @@ def _column(
 ) -> int | None:
     """Return the number of a column, from 0; None for a time that is not there."""
     shown = [t for t in titles if t]
-    names = f"The columns are {', '.join(map(repr, shown))}." if shown else (
-        f"There are {width} columns and no names: give their numbers, from 1."
-    )  # fmt: skip
+    names = f"There are {width} columns and no names: give their numbers, from 1."
+    if shown:
+        names = f"The columns are {', '.join(map(repr, shown))}."
     if isinstance(given, int):
         if not 1 <= given <= width:
             raise refusal(str(path), f"there is no column {given} for the {quantity}", names)

@@ -49,10 +49,6 @@ class Trial:
         return self.scale > 1
 
 
-def _ignore(trial: Trial) -> None:
-    """Do nothing."""
-
-
 @dataclass(frozen=True)
 class Evaluation:
     """Residuals of all tests.
@@ -110,7 +106,7 @@ class Objective:
         fit: Fit,
         folder: Path,
         jobs: int = 1,
-        report: Callable[[Trial], None] = _ignore,
+        report: Callable[[Trial], None] = lambda trial: None,
     ) -> None:
         """Start the processes, if there are several tests.
 
@@ -118,7 +114,7 @@ class Objective:
             fit: The fit.
             folder: For the curves that are computed: a fit that is repeated finds them there.
             jobs: Number of runs side by side.
-            report: Called with each trial.
+            report: Called with each new trial.
         """
         self._fit, self._report, self._stack = fit, report, ExitStack()
         self._store = Store(folder)
@@ -148,6 +144,12 @@ class Objective:
         pairs = zip(self._fit.unknowns, scaled, strict=True)
         raw = ((u, np.exp(q) if u.by_factors else q * np.ptp(u.bounds)) for u, q in pairs)
         return {u.name: float(np.clip(v, *u.bounds)) for u, v in raw}
+
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest scaled parameters."""
+        low, high = (self.scaled({u.name: u.bounds[k] for u in self._fit.unknowns}) for k in (0, 1))
+        return low, high
 
     def slopes(self, values: Mapping[str, float]) -> Array:
         """Return the derivatives of values by scaled parameters."""
@@ -180,23 +182,18 @@ class Objective:
         """Return the same, and None where a run failed; a new trial is noted."""
         key = f"{scale} " + " ".join(f"{value:.12e}" for value in values.values())
         if key not in self._evaluated:
-            self._evaluated[key] = self._first_attempt(values, scale)
+            done, failure = None, ""
+            try:
+                done = self.evaluate(values, scale)
+            except TrialError as error:
+                failure = str(error)
+            misfit = done.misfit if done else np.nan
+            seconds = sum(curve.seconds for curve in done.curves) if done else 0.0
+            trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
+            self.trials.append(trial)
+            self._report(trial)
+            self._evaluated[key] = done
         return self._evaluated[key]
-
-    def _first_attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
-        number = len(self.trials) + 1
-        try:
-            done = self.evaluate(values, scale)
-        except TrialError as error:
-            self._note(Trial(number, scale, values, np.nan, 0.0, str(error)))
-            return None
-        seconds = sum(curve.seconds for curve in done.curves)
-        self._note(Trial(number, scale, values, done.misfit, seconds))
-        return done
-
-    def _note(self, trial: Trial) -> None:
-        self.trials.append(trial)
-        self._report(trial)
 
     def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
         fit = self._fit

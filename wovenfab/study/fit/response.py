@@ -59,11 +59,7 @@ class TrialError(Exception):
 
 
 def computed(case: Case, targets: Sequence[Target]) -> Curve:
-    """Return the curve of a case with its derivatives.
-
-    Args:
-        case: The case.
-        targets: The material parameters by which it is differentiated.
+    """Return the curve of a case with its derivatives by material parameters.
 
     Raises:
         TrialError: The run did not come to its end.
@@ -127,12 +123,7 @@ class BranchError(Exception):
 
 
 def curve_of_history(displacement: Array, force: Array) -> Curve:
-    """Return the curve of a run that is there already, without derivatives.
-
-    Args:
-        displacement: m, shape (steps,).
-        force: N, shape (steps,).
-    """
+    """Return the curve of a run that is there already, in m and N, without derivatives."""
     return Curve(displacement, force, np.zeros((len(force), 0)), _turns(displacement), 0.0)
 
 
