@@ -341,12 +341,10 @@ def program_of_case(case: Case) -> Program:
 def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
     """Return a segment's stretches and the displacement (m) at its end."""
     if isinstance(segment, Cycles):
-        frequency, velocity = segment.frequency, segment.max_velocity
+        frequency, velocity = segment.frequency, segment.max_velocity  # one of them is given
         cycles: list[Segment] = []
         for amplitude in segment.amplitudes:
-            period = (
-                1 / frequency if frequency else pi * amplitude / (velocity or inf)
-            )  # it has one of them
+            period = 1 / frequency if frequency else pi * amplitude / (velocity or inf)
             cycles += cycle(start, amplitude, period=period, steps=per_cycle)
         return cycles, start
     if isinstance(segment, Ramp):
