@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -15,8 +12,10 @@ from ruamel.yaml import YAML
 
 import forms
 from tests.case.reading import EXAMPLE, WriteCase, again, told
+from tests.cli.test_commands import rows, wovenfab
 from wovenfab.case import Case, read_case
 from wovenfab.case.custom_effects import REMEDY
+from wovenfab.record.summary import read_summary
 
 DOCS = Path(__file__).parents[2] / "docs"
 OWN = """\
@@ -148,12 +147,8 @@ def test_the_documented_example_is_the_one_in_the_docs() -> None:
 
 def test_the_documented_example_runs_and_has_its_column(tmp_path: Path) -> None:
     case = DOCS / "examples" / "my_effect.yaml"
-    command = [sys.executable, "-m", "wovenfab", "run", str(case), "-o", "results"]
-    ended = subprocess.run(command, cwd=tmp_path, text=True, capture_output=True, check=False)
+    ended = wovenfab("run", case, "-o", "results", cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
-    with (tmp_path / "results" / "history.csv").open() as stream:
-        last = list(csv.DictReader(stream))[-1]
-    assert float(last["energy_my_effect_J"]) > 0
-    summary = json.loads((tmp_path / "results" / "summary.json").read_text())
-    assert summary["outcome"] == "finished"
+    assert float(rows(tmp_path / "results")[-1]["energy_my_effect_J"]) > 0
+    assert read_summary(tmp_path / "results")["outcome"] == "finished"
     assert {p.name for p in case.parent.iterdir()} == {"my_effect.py", "my_effect.yaml"}

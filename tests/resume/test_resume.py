@@ -256,10 +256,15 @@ import resource, signal, sys
 from mpi4py import MPI
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, 2 * (int(sys.argv[1]),))
-sys.argv = ["wovenfab", "resume", sys.argv[2]]
+sys.argv = ["wovenfab", *sys.argv[2:]]
 from wovenfab.cli.app import main
 main()
 """
+
+
+def limited(room: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", LIMITED, str(room), *map(str, arguments)]
+    return subprocess.run(command, env=child_environment(), capture_output=True, text=True)
 
 
 @pytest.mark.parametrize(("room", "code"), [(1500, 2), (50_000, 4)])
@@ -271,14 +276,10 @@ def test_a_run_whose_disk_is_full_goes_on_once_there_is_room(
     whole = run(case, tmp_path / "whole")
     run(case, place, until=0.02)
     before = {name: (place / name).read_bytes() for name in (CHECKPOINT, "fields.h5")}
-    ended = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(room), place],
-        env=child_environment(),
-        stderr=subprocess.PIPE,
-    )
+    ended = limited(room, "resume", place)
     assert ended.returncode == code
-    assert b"cannot be written: File too large" in ended.stderr
-    assert b"Traceback" not in ended.stderr
+    assert "cannot be written: File too large" in ended.stderr
+    assert "Traceback" not in ended.stderr
     assert before == {name: (place / name).read_bytes() for name in before}
     assert_same(run(case, place, resume=True), whole, 0.0)
 
@@ -288,13 +289,7 @@ def test_a_run_whose_disk_is_full_before_its_first_checkpoint_says_that_there_is
 ) -> None:
     path, place = tmp_path / "case.yaml", tmp_path / "out"
     path.write_text(small("bias-1x3", "output.every=1", "output.checkpoint=false").to_yaml())
-    limited = LIMITED.replace('"resume", sys.argv[2]]', '"run", *sys.argv[2:]]')
-    ended = subprocess.run(
-        [sys.executable, "-c", limited, "50000", path, "-o", place],
-        env=child_environment(),
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    ended = limited(50_000, "run", path, "-o", place)
     assert ended.returncode == 4
     assert "there was no checkpoint yet" in ended.stderr
     assert "resume" not in ended.stderr and "Traceback" not in ended.stderr

@@ -135,10 +135,20 @@ def run(
     made or the sheet buckled; 4: results could not be written; 130 or 143: interrupted. All
     results before that are in the directory.
     """
-    from wovenfab.cli.run import Options, run_case
+    from wovenfab.cli.run import run_case
 
-    options = Options(overwrite, resume, until, tuple(petsc or ()), verbose, log)
-    sys.exit(run_case(case, output, overrides or [], options))
+    code = run_case(
+        case,
+        output,
+        overrides or [],
+        overwrite=overwrite,
+        resume=resume,
+        until=until,
+        petsc=petsc or (),
+        verbosity=verbose,
+        log_file=log,
+    )
+    sys.exit(code)
 
 
 @app.command()

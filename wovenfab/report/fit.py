@@ -114,12 +114,7 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
 def draw_measured(
     runs: Sequence[tuple[str, RunData]], measured: Measured, path: Path
 ) -> list[tuple[str, float]]:
-    """Draw runs over a measured curve; return the name and misfit of each.
-
-    Args:
-        runs: Runs with their names.
-        measured: The measured curve.
-        path: Of the picture.
+    """Draw named runs over a measured curve; return the name and misfit of each.
 
     Raises:
         BranchError: A run does not turn as often as the measured curve.
@@ -199,20 +194,13 @@ def _profiles(fit: Fit, profiles: Sequence[Profile]) -> Block:
 
 def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     """Draw measured forces as points and computed ones as lines, against the displacement."""
-    largest = max(float(np.abs(test.measured.force).max()) for test in fit.tests)
-    unit = readable("N", largest)
+    unit = readable("N", max(float(np.abs(test.measured.force).max()) for test in fit.tests))
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
     for i, (test, c) in enumerate(pairs):
-        colour = APART[i % len(APART)]
-        measured = test.measured
-        axes.plot(
-            1e3 * measured.displacement, unit.factor * measured.force, "o", color=QUIET,
-            markersize=3, markerfacecolor="none",
-        )  # fmt: skip
-        axes.plot(
-            1e3 * measured.displacement[c.rows], unit.factor * c.force,
-            color=colour, label=test.measured.file.stem,
-        )  # fmt: skip
+        measured, colour = test.measured, APART[i % len(APART)]
+        x, y = 1e3 * measured.displacement, unit.factor * measured.force
+        axes.plot(x, y, "o", color=QUIET, markersize=3, markerfacecolor="none")
+        axes.plot(x[c.rows], unit.factor * c.force, color=colour, label=measured.file.stem)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel(f"force ({unit.name})")
     axes.legend(fontsize=7)

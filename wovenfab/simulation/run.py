@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -28,24 +27,6 @@ from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step
 
 Columns = dict[str, NDArray[np.float64]]
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of a run, from its start or a checkpoint on.
-
-    Attributes:
-        first_step: Number of the step that it began after.
-        ranks: Number of MPI ranks.
-        command, commit: As in ``summary.json``.
-        wall_time_s: Wall time of each phase so far, s.
-    """
-
-    first_step: int
-    ranks: int
-    command: str
-    commit: str
-    wall_time_s: Mapping[str, float]
 
 
 def run(
@@ -89,12 +70,12 @@ def run(
     modes = ModeWriter(simulation, directory, before["losses"])
     observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
     simulation.outcome = Outcome(**before["outcome"])
-    parts = [Part(**part) for part in before["parts"]]
 
-    def parts_so_far() -> list[Part]:
+    def parts() -> list[dict[str, Any]]:
+        """Return the parts of the run from its start or a checkpoint on, with their times (s)."""
         origin = this_process(comm.size)
-        seconds = dict(watch.seconds)
-        return [*parts, Part(max(first, 0), comm.size, origin.command, origin.commit, seconds)]
+        now = {"first_step": max(first, 0), "ranks": comm.size, "command": origin.command}
+        return [*before["parts"], now | {"commit": origin.commit, "wall_time_s": {**watch.seconds}}]
 
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
@@ -113,7 +94,7 @@ def run(
             def state() -> dict[str, Any]:
                 return {
                     "run": {
-                        "parts": [asdict(part) for part in parts_so_far()],
+                        "parts": parts(),
                         "outcome": simulation.outcome.effort,
                         "losses": modes.figures,
                         "planned": fields.planned,
@@ -150,17 +131,17 @@ def run(
         )
     else:
         columns = comm.bcast(read_history(directory) if comm.rank == 0 else None)
-    parts = parts_so_far()
+    all_parts = parts()
     summary = summarise(
         columns,
         program.cycles,
         outcome=str(outcome),
         unknowns=model.unknowns,
         cut_backs=outcome.cutbacks,
-        seconds=total(part.wall_time_s for part in parts),
+        seconds=total(part["wall_time_s"] for part in all_parts),
         ranks=comm.size,
         losses=modes.figures,
-        parts=[asdict(part) for part in parts],
+        parts=all_parts,
     )
     if directory is not None:
         write_summary(directory, summary, comm)
@@ -204,11 +185,8 @@ class FieldWriter:
     ) -> None:
         """Create the files, or go on with those of an earlier run; collective.
 
-        Args:
-            simulation: The simulation.
-            directory: The results directory.
-            until: Last step of an earlier run whose fields are kept; negative for none.
-            planned: Number of planned steps that it had made; -1 before the initial state.
+        ``until`` is the last step of an earlier run whose fields are kept, negative for none, and
+        ``planned`` the number of planned steps that it had made, -1 before the initial state.
         """
         case, program = simulation.case, simulation.program
         self._every = case.output.every
@@ -245,12 +223,9 @@ class ModeWriter:
         directory: Path | None,
         figures: Sequence[Mapping[str, float]] = (),
     ) -> None:
-        """Write nothing yet.
+        """Write nothing yet, and go on with the figures of an earlier run.
 
-        Args:
-            simulation: The simulation.
-            directory: The results directory; None to keep only the figures.
-            figures: Those of an earlier run that goes on.
+        Without a directory there are only the figures.
         """
         self._simulation, self._directory = simulation, directory
         self._files: tuple[FieldProbe, FieldSeries] | None = None

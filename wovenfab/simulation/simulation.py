@@ -122,11 +122,7 @@ class Simulation:
         return x * fx + y * fy, x * fy - y * fx
 
     def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
-        """Give each step the derivatives of the driven force by parameters; collective.
-
-        Args:
-            targets: The parameters.
-            dissipation: Differentiate the dissipated energy, too.
+        """Give each step the derivatives of driven force and dissipation by parameters; collective.
 
         Raises:
             TargetError: If the scene has no such parameter.

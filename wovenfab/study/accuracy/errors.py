@@ -66,10 +66,7 @@ def best_of(refinements: Sequence[Refinement]) -> Best:
     The error is what Richardson's extrapolation of the method's own three finest values
     says, and more if the next best method, by an independent discretisation, is farther
     away than that one's own error explains. A method that approaches from one side explains
-    nothing on the side it comes from.
-
-    Args:
-        refinements: One a method, none empty.
+    nothing on the side it comes from. There is one refinement a method, none of them empty.
     """
     ranked = sorted(refinements, key=own_error)
     first = ranked[0]

@@ -230,17 +230,12 @@ class StoredRuns:
     """
 
     def __init__(
-        self,
-        case: Case,
-        folder: Path,
-        progress: Callable[[float], None] = lambda seconds: None,
+        self, case: Case, folder: Path, progress: Callable[[float], None] = lambda seconds: None
     ) -> None:
         """Run nothing yet.
 
-        Args:
-            case: The case, read from a file.
-            folder: Where results are stored, a file each.
-            progress: Called several times a second during a run with its wall time, s.
+        Results are stored in the folder, a file each; ``progress`` is called several times a second
+        during a run with its wall time, s.
         """
         self._case, self._store, self._progress = case, Store(folder), progress
         self.asked = self.stored = 0

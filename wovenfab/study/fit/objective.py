@@ -110,11 +110,8 @@ class Objective:
     ) -> None:
         """Start the processes, if there are several tests.
 
-        Args:
-            fit: The fit.
-            folder: For the curves that are computed: a fit that is repeated finds them there.
-            jobs: Number of runs side by side.
-            report: Called with each new trial.
+        Curves that are computed are kept in the folder, where a fit that is repeated finds them;
+        ``jobs`` runs go side by side; ``report`` is called with each new trial.
         """
         self._fit, self._report, self._stack = fit, report, ExitStack()
         self._store = Store(folder)
@@ -157,11 +154,9 @@ class Objective:
         return np.array([v if u.by_factors else np.ptp(u.bounds) for u, v in pairs])
 
     def evaluate(self, values: Mapping[str, float], scale: float = 1.0) -> Evaluation:
-        """Return residuals and derivatives.
+        """Return residuals and derivatives for values (SI units) of the parameters.
 
-        Args:
-            values: Of the parameters, in SI units.
-            scale: Size of cells and steps over those of the cases.
+        ``scale`` is the size of cells and steps over those of the cases.
 
         Raises:
             TrialError: A run did not come to its end.

@@ -136,12 +136,8 @@ def compared(
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
-    Args:
-        measured: The measured curve.
-        curve: The computed one.
-        unknowns: The parameters.
-        values: By their names, in SI units.
-        toe: Displacement (m) below which points are left out.
+    ``values`` are those of the parameters by name (SI units); points below the ``toe`` (m) are
+    left out.
 
     Raises:
         BranchError: The curves do not belong to each other.
