@@ -261,7 +261,7 @@ class _Reader:
 
 FROM = "from"
 #: With ``LAW`` the keys that say what kind of mapping it is; another kind takes nothing over.
-_TYPE = "type"
+_TYPE, _FILE, _SHAPE = "type", "file", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
@@ -339,6 +339,8 @@ def _laid_over(base: Mapping[str, Any], upper: Mapping[str, Any]) -> dict[str, A
 def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
+        return False
+    if (_FILE in upper and _FILE not in base) or (_FILE in base and _SHAPE in upper):
         return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
