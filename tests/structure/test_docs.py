@@ -17,7 +17,9 @@ ROOT = Path(__file__).parents[2]
 FOLDERS = "wovenfab|forms|tests|benchmarks|configs|docs|paper|examples|meshes|env"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 CHANGELOG = ROOT / "CHANGELOG.md"
-EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.name}")
+EACH_PAGE = pytest.mark.parametrize(
+    "page", PAGES, ids=lambda page: f"{page.parent.name}/{page.name}"
+)
 
 _LINK = re.compile(r"\]\(([^)\s]+)\)|<img src=\"([^\"]+)\"")
 _PATH = re.compile(rf"(?<![\w./$:-])(?:{FOLDERS})/[\w./*-]*\w")

@@ -2,8 +2,8 @@
 
 A block under "save as `NAME`" is a file. The commands of all ``sh`` blocks are run in a new
 folder. A ``text`` block without a name is what the commands before it print, but for numbers.
-Comments above a block: ``not tested: WHY``, ``exit code 2``, and ``shorter in tests: COMMAND``, which
-makes the files shorter before the block is run.
+Comments above a block: ``not tested: WHY``, ``exit code 2``, and ``shorter in tests: COMMAND``,
+which makes the files shorter before the block is run.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.glob("tutorials/*.md"), *DOCS.glob("how-to/*.md")])
+#: Pages whose short versions still take more than a quarter of a minute each.
+LONG = ("in-python", "my-fabric", "my-measurement")
 EACH_PAGE = pytest.mark.parametrize("page", PAGES, ids=lambda p: f"{p.parent.name}/{p.stem}")
 _BLOCK = re.compile(r"^(?:<!-- (.+?) -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 _NAME = re.compile(r"\bas\s+`([\w.-]+\.\w+)`")
@@ -91,7 +93,11 @@ def follow(page: Path, folder: Path, short: bool) -> None:
         assert (folder / result).exists() or (short and result.endswith(_DRAWN)), result
 
 
-@EACH_PAGE
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(p, marks=[pytest.mark.slow] if p.stem in LONG else []) for p in PAGES],
+    ids=lambda p: f"{p.parent.name}/{p.stem}",
+)
 def test_a_page_does_what_it_says(page: Path, tmp_path: Path) -> None:
     follow(page, tmp_path, short=True)
 
