@@ -83,6 +83,16 @@ def test_another_law_takes_nothing_over(folder: Path) -> None:
     assert "strength" in told(_derived("effects: {slip_friction: {law: coulomb}}\n"))
 
 
+def test_another_kind_of_sheet_takes_nothing_over(folder: Path) -> None:
+    (folder / "plate.geo").write_text("")
+    fibres = "fibres: [0 deg, 90 deg]"
+    case = read_case(_derived(f"sheet: {{file: plate.geo, {fibres}}}\n", "plate.yaml"))
+    assert case.sheet.file.name == "plate.geo"
+    rectangle = f"shape: rectangle, length: 1 m, width: 0.5 m, {fibres}"
+    (folder / "back.yaml").write_text(f"from: plate.yaml\nsheet: {{{rectangle}}}\n")
+    assert read_case(folder / "back.yaml").sheet.length == 1.0
+
+
 def test_the_type_may_stand_in_the_case_alone(folder: Path) -> None:
     base = json.loads(json.dumps(DATA))
     kind = base["program"].pop("type")

@@ -253,7 +253,7 @@ class _Reader:
 
 FROM = "from"
 #: With ``LAW`` the keys that say what kind of mapping it is; another kind takes nothing over.
-_TYPE = "type"
+_TYPE, _SHAPE = "type", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
@@ -330,6 +330,8 @@ def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
+    if FILE in upper if FILE not in base else _SHAPE in upper:
+        return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
 
@@ -350,11 +352,8 @@ def override(document: Document, text: str) -> Document:
     key, equals, value = text.partition("=")
     path = key_path(key)
     if not equals or "" in path:
-        raise refusal(
-            OVERRIDE,
-            f"expected 'key=value', got {text!r}",
-            "For example --set time.steps_per_cycle=160.",
-        )
+        remedy = "For example --set time.steps_per_cycle=160."
+        raise refusal(OVERRIDE, f"expected 'key=value', got {text!r}", remedy)
     try:
         given = parse_document(value if value.strip() else "null", OVERRIDE)
     except CaseError as error:
