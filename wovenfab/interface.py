@@ -346,4 +346,4 @@ def read_results(directory: str | Path) -> Run:
 
 
 def _has_unit(name: str) -> bool:
-    return name.rpartition("_")[2] in {"s", "m", "N", "J"}
+    return name.rpartition("_")[2] in {"s", "m", "N", "J", "rad"}

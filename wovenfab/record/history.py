@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from math import fsum, isfinite
 from pathlib import Path
@@ -43,6 +43,7 @@ class HistoryRows:
         dissipated: Sequence[str],
         edges: Sequence[str],
         errors: bool = False,
+        probes: Sequence[str] = (),
     ) -> None:
         """Start before the first step.
 
@@ -51,6 +52,7 @@ class HistoryRows:
             dissipated: Names of the effects that dissipate energy.
             edges: Names of the edges whose reactions are recorded.
             errors: Whether there are columns for the estimated errors of the time steps.
+            probes: Names of the columns of probes.
         """
         self._stored, self._dissipated = tuple(stored), tuple(dissipated)
         self._edges, self._errors = tuple(edges), errors
@@ -62,7 +64,7 @@ class HistoryRows:
             "dissipated_J",
             *(f"dissipated_{name}_J" for name in self._dissipated),
             *("work_J", "imbalance_J", *(ERRORS if errors else ())),
-            *("newton_iterations", "negative_eigenvalues"),
+            *("newton_iterations", "negative_eigenvalues", *probes),
         )
         reactions = (f"{edge}_{xy}_N" for edge in self._edges for xy in "xy")
         self.reaction_columns = ("step", "time_s", *reactions)
@@ -71,8 +73,8 @@ class HistoryRows:
         """Go on after the first rows of a history that has these columns."""
         self._initial_energy = float(history["energy_J"][0])
 
-    def row(self, step: Step) -> tuple[list[float], list[float]]:
-        """Return the values of a step for the columns of both tables.
+    def row(self, step: Step, probes: Sequence[float] = ()) -> tuple[list[float], list[float]]:
+        """Return the values of a step and of its probes for the columns of both tables.
 
         Raises:
             ValueError: A number is not finite, the effects or edges are not the announced
@@ -99,11 +101,12 @@ class HistoryRows:
             balance += [float(step.force_error), float(step.dissipated_error)]
         numbers = [*driven, energy, *stored, lost, *dissipated, *balance]
         reactions = [float(component) for e in self._edges for component in step.reactions[e]]
-        if not all(map(isfinite, (*numbers, *reactions))):
+        if not all(map(isfinite, (*numbers, *reactions, *probes))):
             raise ValueError(f"step {step.number} has numbers that are not finite: {step}")
         self._initial_energy, self._last_time = initial, numbers[0]
         counts = int(step.iterations), int(step.negatives)
-        return [int(step.number), *numbers, *counts], [int(step.number), numbers[0], *reactions]
+        row = [int(step.number), *numbers, *counts, *probes]
+        return row, [row[0], row[1], *reactions]
 
 
 class History(AbstractContextManager["History"]):
@@ -132,13 +135,13 @@ class History(AbstractContextManager["History"]):
         self._files: list[TextIO] = []
         on_root(self._comm, lambda: self._open(Path(directory)))
 
-    def append(self, step: Step) -> None:
-        """Write a step to both files and flush them; collective.
+    def append(self, step: Step, probes: Sequence[float] = ()) -> None:
+        """Write a step and the values of its probes to both files and flush them; collective.
 
         Raises:
             ValueError: As :meth:`HistoryRows.row`; then nothing is written.
         """
-        on_root(self._comm, lambda: self._write(step))
+        on_root(self._comm, lambda: self._write(self._rows.row(step, probes)))
 
     def sync(self) -> None:
         """Wait until all rows are on the disk; on the rank that writes."""
@@ -165,6 +168,11 @@ class History(AbstractContextManager["History"]):
         """Return the rows of an earlier file, as they are there."""
         *text, _ = (directory / name).read_text(encoding="utf-8").split("\n")
         rows = text[1 : self._until + 2]
+        if other := set(text[0].split(",")) ^ {*header}:
+            raise NothingToResumeError(
+                f"{directory / name} has other columns than this run would ({', '.join(other)}); "
+                "keep output.probes, and whether there is a time.tolerance, as they were"
+            )
         if text[:1] != [",".join(header)] or len(rows) <= self._until:
             raise NothingToResumeError(
                 f"{directory / name} is of another run, or ends before the checkpoint; "
@@ -174,9 +182,10 @@ class History(AbstractContextManager["History"]):
             self._rows.resume(read_history(directory, name))
         return rows
 
-    def _write(self, step: Step) -> None:
-        for file, row in zip(self._files, self._rows.row(step), strict=True):
-            _write_row(file, map(repr, row))
+    def _write(self, rows: tuple[list[float], list[float]]) -> None:
+        for file, row in zip(self._files, rows, strict=True):
+            file.write(",".join(map(repr, row)) + "\n")
+            file.flush()
 
 
 def read_history(directory: str | Path, name: str = HISTORY) -> dict[str, NDArray[np.float64]]:
@@ -200,8 +209,3 @@ def index_of_peak(forces: Sequence[float] | NDArray[np.float64]) -> int:
 def peak_force(forces: Sequence[float] | NDArray[np.float64]) -> float:
     """Return ``peak_force_N``: the recorded force (N) of largest size, with its sign."""
     return float(forces[index_of_peak(forces)])
-
-
-def _write_row(file: TextIO, cells: Iterable[str]) -> None:
-    file.write(",".join(cells) + "\n")
-    file.flush()

@@ -37,10 +37,12 @@ FINGERPRINT, INPUT = ".fingerprint", "WOVENFAB_FINGERPRINT"
 CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
 #: Folders of files that wovenfab writes there: the times of series of fields.
 FOLDERS = ("fields", "mode", "error", "yarns")
+#: Fields along the lines of a case.
+LINES = "lines.csv"
 #: Every file that wovenfab writes into a results directory, and may replace.
 FILES = (
     *("case.yaml", "summary.json", FINGERPRINT),
-    *("history.csv", "reactions.csv", "cycles.csv", "error.csv"),
+    *("history.csv", "reactions.csv", "cycles.csv", LINES, "error.csv"),
     *(f"{name}.{kind}" for name in FOLDERS for kind in ("h5", "xdmf")),
     *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
     *("report.html", "open_in_paraview.py", CHECKPOINT, f"{CHECKPOINT}.new", EARLIER_CHECKPOINT),
