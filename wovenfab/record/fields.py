@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from wovenfab.case.schema import Line, Yarn
 from wovenfab.parallel import agree, on_root
 from wovenfab.record.field_file import FIELDS, UNLOCKED, FieldFile, triangles
-from wovenfab.record.results import LINES, write_csv
+from wovenfab.record.results import LINES, rows_of, write_csv
 from wovenfab.sheet.lattice import ON_SIDE, Lattice, locate
 
 if TYPE_CHECKING:
@@ -239,30 +239,22 @@ class StoredFields:
 
         return field
 
-    def table(
-        self, points: NDArray[np.float64], names: Iterable[str] = ()
-    ) -> Callable[[int], dict[str, NDArray[np.float64]]]:
-        """Return a function that gives fields at points and a time as columns with units.
+    def columns(
+        self, index: int, field: Callable[[str, int], NDArray[np.float64]] | None = None
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return all fields at ``times[index]`` as columns of a table, units in their names.
 
         Args:
-            points: Reference positions, shape (n, 2), m.
-            names: Fields; all unless given.
+            index: Which time.
+            field: What ``at`` has returned; at the stored points if None.
         """
-        field, chosen = self.at(points), tuple(names) or tuple(self.units)
-
-        def columns(index: int) -> dict[str, NDArray[np.float64]]:
-            found = {}
-            for name in chosen:
-                unit = self.units[name].replace("1/", "per_")
-                end = "" if unit == "1" else f"_{unit}"
-                values = field(name, index)
-                parts = (
-                    {"": values} if values.ndim == 1 else {"_x": values[:, 0], "_y": values[:, 1]}
-                )
-                found |= {f"{name}{part}{end}": column for part, column in parts.items()}
-            return found
-
-        return columns
+        found = {}
+        for name, si in self.units.items():
+            unit = "" if si == "1" else "_" + si.replace("1/", "per_")
+            values = (field or self.field)(name, index)
+            parts = {"": values} if values.ndim == 1 else {"_x": values[:, 0], "_y": values[:, 1]}
+            found |= {f"{name}{part}{unit}": column for part, column in parts.items()}
+        return found
 
     def _load(self, where: str) -> Any:
         with h5py.File(self.path, "r", **UNLOCKED) as file:
@@ -300,26 +292,25 @@ def write_lines(
         lines: Lines by name.
         fibres: Direction of each family at rest, shape (2, 2).
     """
-    stored = read_fields(directory)
-    tables = []
+    stored, parts = read_fields(directory), []
     for name, line in lines.items():
         start, end = line.ends if isinstance(line, Line) else _yarn(line, fibres, stored.corners())
-        share = np.linspace(0.0, 1.0, line.points)[:, None]
-        points = (1 - share) * start + share * end
-        tables.append((name, points, share[:, 0] * np.linalg.norm(np.subtract(end, start))))
-    rows: list[dict[str, Any]] = []
-    evaluated = [(n, x, s, stored.table(x)) for n, x, s in tables]
-    for index, (step, time) in enumerate(zip(stored.steps, stored.times, strict=True)):
-        for name, points, distance, at in evaluated:
-            columns = {
-                "distance_m": distance,
-                "x_m": points[:, 0],
-                "y_m": points[:, 1],
-                **at(index),
-            }
-            for values in zip(*columns.values(), strict=True):
-                row = dict(zip(columns, map(float, values), strict=True))
-                rows.append({"line": name, "step": int(step), "time_s": float(time), **row})
+        share = np.linspace(0.0, 1.0, line.points)
+        way = np.subtract(end, start)
+        points = start + share[:, None] * way
+        place = {
+            "distance_m": share * np.linalg.norm(way),
+            "x_m": points[:, 0],
+            "y_m": points[:, 1],
+        }
+        parts.append(({"line": [name] * len(share)}, place, stored.at(points)))
+    tables = [
+        name | {"step": [step] * len(place["x_m"]), "time_s": [time] * len(place["x_m"])}
+        | place | stored.columns(index, at)
+        for index, (step, time) in enumerate(zip(stored.steps, stored.times, strict=True))
+        for name, place, at in parts
+    ]  # fmt: skip
+    rows = [row for table in tables for row in rows_of(table)]
     write_csv(directory / LINES, rows)
 
 

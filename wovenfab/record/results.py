@@ -288,6 +288,11 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_whole(path, stream.getvalue())
 
 
+def rows_of(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a table that is given by columns of one length."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+
 def markdown(
     titles: Sequence[str], rows: Iterable[Sequence[str]], texts: Sequence[int] = (0,)
 ) -> str:

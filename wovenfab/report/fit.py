@@ -111,41 +111,38 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}
 
 
-def draw_measured(
-    runs: Sequence[tuple[str, RunData]], measured: Measured, path: Path
-) -> list[tuple[str, float]]:
-    """Draw runs over a measured curve; return the name and misfit of each.
+def measured_figure(
+    runs: Sequence[tuple[str, RunData]], measured: Measured
+) -> tuple[Figure, list[tuple[str, float]]]:
+    """Return the figure of runs over a measured curve, and the name and misfit of each.
 
     Args:
         runs: Runs with their names.
         measured: The measured curve.
-        path: Of the picture.
 
     Raises:
         BranchError: A run does not turn as often as the measured curve.
     """
     misfits = []
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-        unit = readable("N", float(np.abs(measured.force).max()))
-        shown = (1e3 * measured.displacement, unit.factor * measured.force)
-        upper.plot(*shown, "o", color=QUIET, markersize=3, label=measured.file.name)
-        for i, (name, run) in enumerate(runs):
-            u, f = run.history["displacement_m"], run.history["force_N"]
-            comparison, colour = compared(measured, curve_of_history(u, f)), APART[i % len(APART)]
-            misfits.append((name, comparison.misfit))
-            label = f"{name}: {100 * comparison.misfit:.2g} %"
-            upper.plot(1e3 * u, unit.factor * f, color=colour, label=label)
-            at = 1e3 * measured.displacement[comparison.rows]
-            lower.plot(at, 100 * comparison.shares, ".-", color=colour, markersize=3)
-        zero_line(lower)
-        upper.set_ylabel(f"force ({unit.name})")
-        upper.legend(fontsize=7)
-        lower.set_ylabel("distance (%)")
-        lower.set_xlabel("displacement (mm)")
-        save(figure, path)
-    return misfits
+    figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
+    upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    unit = readable("N", float(np.abs(measured.force).max()))
+    shown = (1e3 * measured.displacement, unit.factor * measured.force)
+    upper.plot(*shown, "o", color=QUIET, markersize=3, label=measured.file.name)
+    for i, (name, run) in enumerate(runs):
+        u, f = run.history["displacement_m"], run.history["force_N"]
+        comparison, colour = compared(measured, curve_of_history(u, f)), APART[i % len(APART)]
+        misfits.append((name, comparison.misfit))
+        label = f"{name}: {100 * comparison.misfit:.2g} %"
+        upper.plot(1e3 * u, unit.factor * f, color=colour, label=label)
+        at = 1e3 * measured.displacement[comparison.rows]
+        lower.plot(at, 100 * comparison.shares, ".-", color=colour, markersize=3)
+    zero_line(lower)
+    upper.set_ylabel(f"force ({unit.name})")
+    upper.legend(fontsize=7)
+    lower.set_ylabel("distance (%)")
+    lower.set_xlabel("displacement (mm)")
+    return figure, misfits
 
 
 def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:

@@ -70,8 +70,8 @@ def open_run(directory: str | Path) -> Run:
     return Run(open_run_data(directory), stored)
 
 
-def write_run_page(directory: str | Path) -> Path:
-    """Write ``report.html`` into a results directory and return its path.
+def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
+    """Write ``report.html``, with more sections first, and return its path.
 
     Raises:
         FileNotFoundError: The directory has no history.
@@ -84,13 +84,13 @@ def write_run_page(directory: str | Path) -> Path:
         run.source.title,
         [run.outcome, *_stability(run.source.summary), *_missing(run)],
         headline(run.source),
-        list(_sections(untitled)),
+        [*more, *_sections(untitled)],
         origin_of(directory),
     )
 
 
-def write_comparison(directories: Sequence[Path], path: Path) -> Path:
-    """Write the page of two or more runs and return its path.
+def write_comparison(directories: Sequence[Path], path: Path, more: Sequence[Section] = ()) -> Path:
+    """Write the page of two or more runs, with more sections first, and return its path.
 
     Raises:
         FileNotFoundError: A directory has no history.
@@ -99,7 +99,7 @@ def write_comparison(directories: Sequence[Path], path: Path) -> Path:
     runs = dict(zip(labels(directories), map(open_run, directories), strict=True))
     outcomes = {name: run.outcome for name, run in runs.items()}
     stopped = [f"{name}: {text}" for name, text in outcomes.items() if text != "Finished."]
-    sections = list(_sections_of_several(runs))
+    sections = [*more, *_sections_of_several(runs)]
     return write_page(path, f"{len(runs)} runs compared", stopped, [], sections, this_process())
 
 
