@@ -95,15 +95,15 @@ def _measured(console: Console, directories: Sequence[Path], lab: Path, folder: 
     measured = read_measured(lab)
     runs = list(zip(labels(directories), map(open_run_data, directories), strict=True))
     with house_style():
-        figure, misfits = measured_figure(runs, measured)
+        figure, rows = measured_figure(runs, measured)
         path = save(figure, folder / LAB)
-    rows = [[name, f"{100 * misfit:.2f}"] for name, misfit in misfits]
-    for name, share in rows:
-        console.say(f"{name}: {share} % of the largest force from {lab.name}")
+    for name, distance in rows:
+        console.say(f"{name}: {distance}")
     console.say(str(path))
+    said = "; ".join(f"{name}: {distance}" for name, distance in rows)
     caption = f"Computed forces (lines) over the measured ones of {lab.name} (points)."
-    table = Table("Distance from the measured forces", ["run", "% of the largest force"], rows)
-    return section("Measured curve", lambda: [vector(figure, "lab", caption), table])
+    table = Table("Distance from the measured forces", ["run", "distance"], rows, numbers=False)
+    return section("Measured curve", lambda: [vector(figure, "lab", caption, said), table])
 
 
 def export_results(

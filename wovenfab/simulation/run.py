@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 from wovenfab.model.fields import FieldProbe, Probes
 from wovenfab.model.model import preserved
 from wovenfab.parallel import on_root
-from wovenfab.record.bias_extension import bias_extension_of
 from wovenfab.record.field_file import MODE, Checkpoint
 from wovenfab.record.fields import FieldSeries, write_lines
-from wovenfab.record.history import History, HistoryRows, read_history
+from wovenfab.record.history import History, HistoryRows, bias_extension_of, read_history
 from wovenfab.record.results import this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
 from wovenfab.sheet.lattice import Lattice
