@@ -72,9 +72,9 @@ def test_the_distance_from_an_exact_cloud_is_zero(
     path = cloud(tmp_path / "dic.csv", points, mean(stored, points, 10))
     assert export_results(two, tmp_path, cloud=path) == 0
     assert "60 mm: distance of displacements: root mean square" in capsys.readouterr().out
-    columns = table(tmp_path / "distance.csv")
+    columns = table(tmp_path / "step-000200-distance.csv")
     assert len(columns) == 500 and columns["distance_m"].max() < 1e-15
-    assert (tmp_path / "distance.png").stat().st_size > 10_000
+    assert (tmp_path / "step-000200-distance.png").stat().st_size > 10_000
 
 
 def test_root_mean_square_and_largest_distance_are_those_of_the_points_on_the_sheet(

@@ -155,8 +155,9 @@ def export_results(
         reached = float(source.reached(stored)[times[0]])
         words = f"step {stored.steps[times[0]]}, {millimetres(reached)}"
         console.say(f"{words}: {found}")
+        name = folder / f"step-{stored.steps[times[0]]:06d}-distance"
         with house_style():
-            for path in write_distances(found, source, stored, f"{words}; {cloud.name}", folder):
+            for path in write_distances(found, source, stored, f"{words}; {cloud.name}", name):
                 console.say(str(path))
     except (OSError, ValueError) as error:
         console.problem(str(error))

@@ -212,7 +212,7 @@ class Probes:
 
 def _displaced(u: NDArray[np.float64]) -> list[float]:
     """Return displacements (m) of a point and the slip there (m), if there are two."""
-    return [*u.ravel(), *([np.linalg.norm(u[0] - u[1])] if len(u) == 2 else [])]
+    return [*u.ravel(), *([float(np.linalg.norm(u[0] - u[1]))] if len(u) == 2 else [])]
 
 
 def _gauge(probe: Any, rest: NDArray[np.float64], u: NDArray[np.float64]) -> tuple[float, float]:

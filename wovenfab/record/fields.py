@@ -248,7 +248,7 @@ class StoredFields:
             index: Which time.
             field: What ``at`` has returned; at the stored points if None.
         """
-        found = {}
+        found: dict[str, NDArray[np.float64]] = {}
         for name, si in self.units.items():
             unit = "" if si == "1" else "_" + si.replace("1/", "per_")
             values = (field or self.field)(name, index)
@@ -292,7 +292,8 @@ def write_lines(
         lines: Lines by name.
         fibres: Direction of each family at rest, shape (2, 2).
     """
-    stored, parts = read_fields(directory), []
+    stored = read_fields(directory)
+    parts: list[tuple[dict[str, Any], dict[str, Any], Any]] = []
     for name, line in lines.items():
         start, end = line.ends if isinstance(line, Line) else _yarn(line, fibres, stored.corners())
         share = np.linspace(0.0, 1.0, line.points)
@@ -304,7 +305,7 @@ def write_lines(
             "y_m": points[:, 1],
         }
         parts.append(({"line": [name] * len(share)}, place, stored.at(points)))
-    tables = [
+    tables: list[dict[str, Any]] = [
         name | {"step": [step] * len(place["x_m"]), "time_s": [time] * len(place["x_m"])}
         | place | stored.columns(index, at)
         for index, (step, time) in enumerate(zip(stored.steps, stored.times, strict=True))

@@ -40,15 +40,16 @@ INTERRUPTED = "interrupted"
 FINGERPRINT, INPUT = ".fingerprint", "WOVENFAB_FINGERPRINT"
 #: The last two checkpoints of a run.
 CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
-#: Folders of files that wovenfab writes there: the times of series of fields.
-FOLDERS = ("fields", "mode", "error", "yarns")
+#: Series of fields, and all folders that wovenfab writes there with the names of their files.
+SERIES = ("fields", "mode", "error", "yarns")
+FOLDERS = {**dict.fromkeys(SERIES, "*.h5"), "export": "step-*.*"}
 #: Fields along the lines of a case.
 LINES = "lines.csv"
 #: Every file that wovenfab writes into a results directory, and may replace.
 FILES = (
     *("case.yaml", "summary.json", FINGERPRINT),
     *("history.csv", "reactions.csv", "cycles.csv", LINES, "error.csv"),
-    *(f"{name}.{kind}" for name in FOLDERS for kind in ("h5", "xdmf")),
+    *(f"{name}.{kind}" for name in SERIES for kind in ("h5", "xdmf")),
     *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
     *("report.html", "open_in_paraview.py", CHECKPOINT, f"{CHECKPOINT}.new", EARLIER_CHECKPOINT),
 )
@@ -168,7 +169,7 @@ class ResultsDirectory:
             self._take(new=not overwrite)
             if overwrite:
                 for folder in FOLDERS:
-                    for file in (self.path / folder).glob("*.h5"):
+                    for file in (self.path / folder).glob(FOLDERS[folder]):
                         file.unlink()
                     with suppress(OSError):  # not there, or with files of the user
                         (self.path / folder).rmdir()

@@ -31,8 +31,8 @@ from wovenfab.report.style import (
 )
 from wovenfab.report.yarns import Triangles, displacements, outline
 
-#: Folder of what is exported, and names of the files of a comparison.
-FOLDER, MAP = "export", "distance"
+#: Folder of what is exported.
+FOLDER = "export"
 
 
 def chosen_times(
@@ -165,16 +165,15 @@ def compare(stored: StoredFields, index: int, points: Values, measured: Values) 
 
 
 def write_distances(
-    found: Distances, source: RunData, stored: StoredFields, words: str, folder: Path
+    found: Distances, source: RunData, stored: StoredFields, words: str, path: Path
 ) -> list[Path]:
-    """Write the map of distances as a picture and as CSV; return both paths."""
-    columns = {}
-    for name, values in (("", found.points), ("u", found.computed), ("measured_u", found.measured)):
-        columns |= {f"{name}{xy}_m": column for xy, column in zip("xy", values.T, strict=True)}
-    table = folder / f"{MAP}.csv"
+    """Write the map of distances as a picture and as CSV, ``path`` with suffixes; return both."""
+    parts = {"": found.points, "u": found.computed, "measured_u": found.measured}
+    columns = {f"{n}{xy}_m": v[:, k] for n, v in parts.items() for k, xy in enumerate("xy")}
+    table = path.with_suffix(".csv")
     write_csv(table, rows_of(columns | {"distance_m": found.sizes}))
     figure = draw_distances(found, source, stored, words)
-    return [save(figure, folder / f"{MAP}.png", origin_of(source.directory)), table]
+    return [save(figure, path.with_suffix(".png"), origin_of(source.directory)), table]
 
 
 def draw_distances(found: Distances, source: RunData, stored: StoredFields, words: str) -> Figure:

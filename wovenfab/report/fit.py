@@ -138,13 +138,14 @@ def measured_figure(
     unit = readable("N", float(np.abs(measured.force).max()))
     shown = (1e3 * measured.displacement, unit.factor * measured.force)
     upper.plot(*shown, "o", color=QUIET, markersize=3, zorder=3, label=measured.file.name)
-    for i, (name, run, one, words) in enumerate(found):
-        colour, label = APART[i % len(APART)], f"{name}: {words.split(' of ')[0]}" if one else name
+    for i, (name, run, comparison, words) in enumerate(found):
+        colour = APART[i % len(APART)]
+        label = f"{name}: {words.split(' of ')[0]}" if comparison else name
         u, f = 1e3 * run.history["displacement_m"], unit.factor * run.history["force_N"]
         upper.plot(u, f, color=colour, label=label)
-        if one is not None:
-            at = 1e3 * measured.displacement[one.rows]
-            lower.plot(at, 100 * one.shares, ".-", color=colour, markersize=3)
+        if comparison is not None:
+            at = 1e3 * measured.displacement[comparison.rows]
+            lower.plot(at, 100 * comparison.shares, ".-", color=colour, markersize=3)
             lower.set_ylabel("distance (%)")
     zero_line(lower)
     upper.set_ylabel(f"force ({unit.name})")

@@ -82,8 +82,7 @@ class Lattice:
     def basis(self, points: Array) -> Array:
         """Return the Lagrange polynomials of the lattice at reference points, shape (n, nodes)."""
         at_points, at_nodes = (_monomials(x, self.degree) for x in (points, self.points))
-        values: Array = np.linalg.solve(at_nodes.T, at_points.T).T
-        return values
+        return np.asarray(np.linalg.solve(at_nodes.T, at_points.T).T, dtype=np.float64)
 
     def at_points(self, cells: Numbers, local: Array, count: int) -> sparse.csr_array:
         """Return the matrix that takes values on lattices to points.
@@ -184,8 +183,7 @@ def circle(centre: tuple[float, float], radius: float) -> shapely.Polygon:
 def _inverse(corners: Array) -> Array:
     """Return what takes a vector (m, from the right) to reference coordinates of its cell."""
     sides = corners[..., 1:, :] - corners[..., :1, :]
-    inverse: Array = np.linalg.inv(sides)
-    return inverse
+    return np.asarray(np.linalg.inv(sides), dtype=np.float64)
 
 
 def _monomials(points: Array, degree: int) -> Array:
@@ -196,8 +194,8 @@ def _monomials(points: Array, degree: int) -> Array:
 
 def _collapsed(degree: int) -> tuple[Array, Array]:
     """Return points and weights of a quadrature on the reference triangle."""
-    x, weights = np.polynomial.legendre.leggauss(degree // 2 + 1 + degree % 2)
-    x, weights = (x + 1) / 2, weights / 2
+    nodes, weights = np.polynomial.legendre.leggauss(degree // 2 + 1 + degree % 2)
+    x = (nodes + 1) / 2
     s, t = np.meshgrid(x, x, indexing="ij")
-    points = np.column_stack([s.ravel(), ((1 - s) * t).ravel()])
-    return points, (np.outer(weights * (1 - x), weights)).ravel()
+    sizes = np.outer(weights * (1 - x), weights) / 4
+    return np.column_stack([s.ravel(), ((1 - s) * t).ravel()]), np.asarray(sizes.ravel())

@@ -146,7 +146,8 @@ def read_cloud(path: Path) -> tuple[Array, Array]:
         found = [i for i, t in enumerate(titles) if {t.strip().lower(), _name(t)} & {*words}]
         if len(found) != 1:
             what = "no column" if not found else "more than one column"
-            raise refusal(str(path), f"there is {what} {name!r}", remedy, header and header[-1][0])
+            line = header[-1][0] if header else None
+            raise refusal(str(path), f"there is {what} {name!r}", remedy, line)
         at = found[0]
         factor = _factor(name, "m", at, titles, header, None, remedy, path)
         columns.append([factor * _or_nan(cells, at, line, name, path) for line, cells in data])
