@@ -43,6 +43,11 @@ CASES = {
     "midpoint": ("bias-1x3", "time.scheme=midpoint"),
     "backward Euler": ("bias-1x3", "time.scheme=backward-euler", "time.steps_per_cycle=20"),
     "stress at points": ("coulomb",),
+    "probes": (
+        "bias-1x3",
+        "output.probes={a: {type: point, at: [0.2, 0.1]}, c: {type: zone, centre: [0.45, 0.15], "
+        "radius: 0.1}, b: {type: line, ends: [[0, 0], [0.9, 0.3]]}}",
+    ),
     "kept factor": (
         *("bias-1x3", "discretisation.mesh_size=30mm", "discretisation.degree=3"),
         *("program.amplitudes=10 mm", "time.steps_per_cycle=12"),
@@ -85,7 +90,7 @@ def test_the_rows_are_those_of_a_run_that_never_stopped(name: str, tmp_path: Pat
     assert part.outcome.paused and until <= part.columns["time_s"][-1] < until + 0.05
     resumed = run(case, tmp_path / "parts", resume=True)
     assert_same(resumed, whole, 0.0)
-    for file in ("history.csv", "reactions.csv", "cycles.csv", "fields.xdmf"):
+    for file in ("history.csv", "reactions.csv", "cycles.csv", "lines.csv", "fields.xdmf"):
         if (tmp_path / "whole" / file).exists():
             texts = [(tmp_path / d / file).read_text().split("\n") for d in ("whole", "parts")]
             assert sorted(texts[0]) == sorted(texts[1]), file
@@ -178,6 +183,7 @@ def test_a_finished_run_goes_on_with_a_longer_program(tmp_path: Path) -> None:
         ("discretisation.mesh_size=60 mm", "discretisation differs"),
         ("boundary.left=clamp_x", "boundary differs"),
         ("program.amplitudes=[12 mm, 20 mm]", "program before t = "),
+        ("output.probes={a: {type: point, at: [0, 0]}}", "other columns than this run would"),
     ],
 )
 def test_another_case_is_refused_in_words(override: str, differs: str, tmp_path: Path) -> None:

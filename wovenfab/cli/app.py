@@ -41,21 +41,7 @@ Jobs = Annotated[
 Output = Annotated[
     Path | None,
     _directory(
-        help="Directory of all that is written; a folder of results/ with the name of the case "
-        "unless given."
-    ),
-]
-AccuracyOutput = Annotated[
-    Path | None,
-    _directory(
-        help="Directory of runs, table and diagrams; results/<name of the case>-accuracy unless "
-        "given."
-    ),
-]
-SweepOutput = Annotated[
-    Path | None,
-    _directory(
-        help="Directory of all results; results/<name of the first file>-sweep unless given."
+        "Directory of all that is written; a folder of results/ named after the case unless given."
     ),
 ]
 Until = Annotated[
@@ -241,7 +227,7 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 @app.command()
 def accuracy(
     case: CaseFile,
-    output: AccuracyOutput = None,
+    output: Output = None,
     overrides: Overrides = None,
     minutes: Annotated[
         float,
@@ -273,7 +259,7 @@ def sweep(
         ),
     ] = None,
     overrides: Overrides = None,
-    output: SweepOutput = None,
+    output: Output = None,
     jobs: Jobs = None,
 ) -> None:
     """Run a case with other values side by side: a table and a picture of all loops.
@@ -306,6 +292,40 @@ def report(
     from wovenfab.cli.report import report_results
 
     sys.exit(report_results(directories, output, animation, lab))
+
+
+@app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(help="The results directory.", show_default=False)],
+    output: Annotated[
+        Path | None, _directory("Where the files go; export in the results directory.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at",
+            "--times",
+            show_default=False,
+            help="Times or displacements, as in --at 0.5,1 or --at '20 mm, 40 mm'.",
+        ),
+    ] = None,
+    every: Annotated[
+        int | None, typer.Option("--every", min=1, help="Every so many stored times.")
+    ] = None,
+    last: Annotated[bool, typer.Option("--last", help="The last stored time.")] = False,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            "--compare",
+            metavar="FILE",
+            help="Measured displacements of points (x, y, ux, uy): map of the distances.",
+        ),
+    ] = None,
+) -> None:
+    """Write stored fields as VTU and CSV, or compare them with a camera's cloud of points."""
+    from wovenfab.cli.report import export_results
+
+    sys.exit(export_results(directory, output, at, every, last, compare))
 
 
 @app.command()

@@ -34,6 +34,7 @@ from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
 from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
+from wovenfab.model.fields import extent, misplaced
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.parallel import agree
 from wovenfab.sheet.aligned import aligned_sheet
@@ -146,6 +147,11 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
         known = f"It has {', '.join(sorted(sheet.edges))}."
         key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
         raise CaseError([case.problem(key, message, known)])
+    faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
+    if faults:
+        x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
+        where = f"Positions are those at rest; the sheet has x from {x} and y from {y}."
+        raise CaseError([case.problem(key, what, where) for key, what in faults])
     return sheet
 
 

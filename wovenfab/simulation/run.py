@@ -11,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.fields import FieldProbe
+from wovenfab.model.fields import FieldProbe, Probes
 from wovenfab.model.model import Model, preserved
 from wovenfab.parallel import on_root
-from wovenfab.record.bias_extension import bias_extension_of
 from wovenfab.record.field_file import FIELDS, MODE, Checkpoint
-from wovenfab.record.fields import FieldSeries, Lattice
-from wovenfab.record.history import History, HistoryRows, read_history
+from wovenfab.record.fields import FieldSeries, write_lines
+from wovenfab.record.history import History, HistoryRows, bias_extension_of, read_history
 from wovenfab.record.results import this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
+from wovenfab.sheet.lattice import Lattice
 from wovenfab.simulation.checkpoint import Checkpoints
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
@@ -60,12 +60,23 @@ def run(
     model, program, comm = simulation.model, simulation.program, simulation.comm
     before = checkpoint.values["run"] if checkpoint else {"parts": [], "outcome": {}, "losses": []}
     first = checkpoint.step if checkpoint else -1
+    gauges = simulation.case.output.gauges
+    with watch.phase("compile"):
+        probes = Probes(model, gauges) if gauges else None
     rows = HistoryRows(
         [e.name for e in model.effects if not e.dissipative],
         [e.name for e in model.effects if e.dissipative],
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
+        probes.columns if probes else (),
     )
+
+    def probed() -> list[float]:
+        if probes is None:
+            return []
+        with watch.phase("probes"):
+            return probes.values()
+
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
     observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
@@ -80,12 +91,12 @@ def run(
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
         if directory is not None:
+            history = stack.enter_context(History(directory, rows, comm, first))
             text = simulation.case.to_yaml()
             on_root(comm, lambda: write_whole(directory / "case.yaml", text))
             on_root(comm, lambda: (directory / SUMMARY).unlink(missing_ok=True))
             with watch.phase("compile"):
                 fields = FieldWriter(simulation, directory, first, before.get("planned", -1))
-            history = stack.enter_context(History(directory, rows, comm, first))
 
             def write_fields(step: Step) -> None:
                 with watch.phase("fields"):
@@ -108,7 +119,10 @@ def run(
                 with watch.phase("checkpoints"):
                     checkpoints(step)
 
-            observers = [modes, history.append, write_fields, write_checkpoint]
+            observers = [
+                *(modes, lambda step: history.append(step, probed())),
+                *(write_fields, write_checkpoint),
+            ]
         if checkpoint is not None:
             simulation.resume(checkpoint)
         progress(Progress("stepping", unknowns=model.unknowns))
@@ -147,6 +161,8 @@ def run(
         write_summary(directory, summary, comm)
         specimen = bias_extension_of(simulation.case)
         on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen))
+        if lines := simulation.case.output.lines:
+            on_root(comm, lambda: write_lines(directory, lines, model.sheet.fibres))
     return outcome, columns, summary
 
 
