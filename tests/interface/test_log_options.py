@@ -49,7 +49,7 @@ def test_a_file_that_cannot_be_written_is_one_message_before_anything_is_done(
 
 
 def test_the_package_has_no_handler_until_one_is_configured() -> None:
-    code = "import logging, wovenfab.log; print(logging.getLogger('wovenfab').handlers)"
+    code = "import logging, wovenfab.cli.console; print(logging.getLogger('wovenfab').handlers)"
     ended = subprocess.run(
         [sys.executable, "-c", code], env=child_environment(), capture_output=True, text=True
     )

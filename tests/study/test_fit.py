@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from tests.cli.test_commands import wovenfab
 from wovenfab.case import CaseError, read_case
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
 from wovenfab.study.fit.knowledge import Knowledge, in_words, knowledge, sign_runs
 from wovenfab.study.fit.objective import Evaluation, Objective
@@ -204,7 +205,7 @@ def test_two_tests_are_fitted_side_by_side(tmp_path: Path) -> None:
         "  - {case: case.yaml, set: {program.to: 40 mm}, measured: curve.csv}\nparameters",
     )
     fit = read_fit(place(tmp_path, text, curve=curve_of(tmp_path)))
-    with Objective(fit, tmp_path / "runs", jobs=2) as objective:
+    with Objective(fit, tmp_path / "runs", Cluster(jobs=2)) as objective:
         e = objective.evaluate(TRUTH)
     assert [c.rows.size for c in e.comparisons] == [9, 6]
     assert np.abs(e.residuals[:9]).max() < 1e-6

@@ -38,6 +38,15 @@ Overrides = Annotated[
 Jobs = Annotated[
     int | None, _option("--jobs", "-j", min=1, help="Runs side by side; one a processor.")
 ]
+OnCluster = Annotated[
+    str,
+    typer.Option(
+        "--cluster",
+        metavar="local|slurm|ADDRESS",
+        help="Where runs are made: here, by jobs of Slurm, or by a Dask scheduler (tcp://HOST:PORT).",
+    ),
+]
+Ranks = Annotated[int, typer.Option("--ranks", min=1, help="MPI ranks of each run.")]
 Output = Annotated[
     Path | None,
     _directory(
@@ -201,6 +210,8 @@ def fit(
     files: Annotated[list[Path], _argument(help="Fit files (YAML), one or more.")],
     output: Output = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Find material parameters from measured curves: values, intervals, a page, the fitted case.
 
@@ -209,8 +220,9 @@ def fit(
     compared by their misfit and by the Bayesian information criterion.
     """
     from wovenfab.cli.studies import fit_all
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(fit_all(files, output, jobs or os.cpu_count() or 1))
+    sys.exit(fit_all(files, output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()
@@ -261,6 +273,8 @@ def sweep(
     overrides: Overrides = None,
     output: Output = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Run a case with other values side by side: a table and a picture of all loops.
 
@@ -268,8 +282,9 @@ def sweep(
     Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
     """
     from wovenfab.cli.studies import run_sweep
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()

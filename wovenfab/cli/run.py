@@ -10,7 +10,6 @@ from pathlib import Path
 from signal import Signals
 from typing import Any
 
-from wovenfab import log
 from wovenfab.case import CaseError, read_case, units
 from wovenfab.case.errors import Problem
 from wovenfab.cli.console import (
@@ -19,6 +18,7 @@ from wovenfab.cli.console import (
     FAILED_STEP,
     SIGNALLED,
     Console,
+    configure_log,
     is_first_rank,
     is_launched,
 )
@@ -54,7 +54,7 @@ def run_case(
     directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
     with Interruption(is_launched()) as interruption, console:
         try:
-            log.configure(verbosity, log_file, console.log, is_first_rank())
+            configure_log(verbosity, log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
             _start_petsc(petsc)
             from wovenfab.interface import Listener, execute

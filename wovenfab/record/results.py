@@ -276,6 +276,23 @@ def has_checkpoint(directory: Path) -> bool:
     return any((directory / name).exists() for name in (CHECKPOINT, EARLIER_CHECKPOINT))
 
 
+def fingerprint_of(directory: Path) -> str:
+    """Return the fingerprint of the input of the results there; empty where there is none."""
+    with suppress(OSError, UnicodeError):
+        return (directory / FINGERPRINT).read_text(encoding="utf-8").strip()
+    return ""
+
+
+def is_in_use(directory: Path) -> bool:
+    """Return whether a run is writing there."""
+    with suppress(OSError), (directory / MARKER).open() as marker:
+        try:
+            fcntl.flock(marker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
 def outcome_of(directory: Path) -> str | None:
     """Return how the run there has ended; None if it was killed or is still going on."""
     with suppress(OSError, ValueError, TypeError, KeyError):

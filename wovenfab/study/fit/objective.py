@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.effect import Target
 from wovenfab.case import Case
+from wovenfab.parallel import end_with_parent
 from wovenfab.simulation.response import with_elements, with_steps
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, with_values
-from wovenfab.study.fit.response import Comparison, Curve, TrialError, compared, computed
-from wovenfab.study.runner import Store, fingerprint
+from wovenfab.study.fit.response import (
+    Comparison,
+    Curve,
+    TrialError,
+    command,
+    compared,
+    computed,
+    curve_of,
+)
+from wovenfab.study.runner import Store, Submit, fingerprint
 
 Array = NDArray[np.float64]
+#: Runs one after the other in this process.
+HERE = Cluster(jobs=1)
 
 
 @dataclass(frozen=True)
@@ -105,20 +119,27 @@ class Objective:
         self,
         fit: Fit,
         folder: Path,
-        jobs: int = 1,
+        cluster: Cluster = HERE,
         report: Callable[[Trial], None] = lambda trial: None,
     ) -> None:
-        """Start the processes, if there are several tests.
+        """Start the processes, if there are several tests or ranks, or reach the cluster.
 
-        Curves that are computed are kept in the folder, where a fit that is repeated finds them;
-        ``jobs`` runs go side by side; ``report`` is called with each new trial.
+        Args:
+            fit: The fit.
+            folder: For the curves that are computed: a fit that is repeated finds them there.
+            cluster: Where the runs are made.
+            report: Called with each trial.
         """
         self._fit, self._report, self._stack = fit, report, ExitStack()
-        self._store = Store(folder)
-        jobs = min(jobs, len(fit.tests))
+        self._store, self._ranks = Store(folder), cluster.ranks
         self._pool: ProcessPoolExecutor | None = None
-        if jobs > 1:
-            pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+        self._submit: Submit | None = None
+        if not cluster.is_local or cluster.ranks > 1:
+            self._submit = self._stack.enter_context(cluster.open(folder))
+        elif (jobs := min(cluster.side_by_side, len(fit.tests))) > 1:
+            pool = ProcessPoolExecutor(
+                jobs, mp_context=get_context("spawn"), initializer=end_with_parent
+            )
             self._pool = self._stack.enter_context(pool)
         self.trials: list[Trial] = []
         self._evaluated: dict[str, Evaluation | None] = {}
@@ -197,25 +218,27 @@ class Objective:
         marks = [fingerprint(case) for case in cases]
         stored = [self._load(mark) for mark in marks]
         waiting = [i for i, curve in enumerate(stored) if curve is None]
-        if self._pool:
-            futures = {i: self._pool.submit(computed, cases[i], targets) for i in waiting}
-            try:
-                fresh = {i: future.result() for i, future in futures.items()}
-            except BrokenProcessPool:
-                raise TrialError("the process of a run was killed, maybe for its memory") from None
-        else:
-            fresh = {i: computed(cases[i], targets) for i in waiting}
-        for i, curve in fresh.items():
-            as_lists = {k: np.asarray(v).tolist() for k, v in asdict(curve).items()}
-            self._store.save(marks[i], marks[i], as_lists)
-        return [curve if curve else fresh[i] for i, curve in enumerate(stored)]
+        fresh = self._fresh([cases[i] for i in waiting], targets)
+        for i, curve in zip(waiting, fresh, strict=True):
+            self._store.save(marks[i], marks[i], curve.as_lists())
+            stored[i] = curve
+        return [curve for curve in stored if curve is not None]
+
+    def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[Curve]:
+        """Return the curves of cases, computed now."""
+        if self._submit:  # a process each, on any machine
+            commands = [command(case, targets, self._ranks) for case in cases]
+            return [curve_of(f.result()) for f in [*map(self._submit, commands)]]
+        if not self._pool:
+            return (computed(case, targets) for case in cases)
+        try:  # processes that stay: most of the time of a short run would be its start
+            return [*self._pool.map(computed, cases, repeat(targets))]
+        except BrokenProcessPool:
+            raise TrialError("the process of a run was killed, maybe for its memory") from None
 
     def _load(self, mark: str) -> Curve | None:
         data: Any = self._store.load(mark, mark)
-        if data is None:
-            return None
-        u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
-        return Curve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+        return None if data is None else Curve.of(data)
 
 
 def at_scale(case: Case, scale: float) -> Case:
