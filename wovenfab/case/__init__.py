@@ -13,7 +13,7 @@ from wovenfab.case.document import (
 from wovenfab.case.effects import SceneEffect, Value, acting
 from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
 from wovenfab.case.formula import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
-from wovenfab.case.program import Cycles, Hold, Ramp, Samples, Segment, Table
+from wovenfab.case.program import Cycles, Hold, Ramp, Samples, Segment, Table, Trapezoid
 from wovenfab.case.quantities import OneOr, Section
 from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Solver, Time
 
@@ -45,6 +45,7 @@ __all__ = [
     "Solver",
     "Table",
     "Time",
+    "Trapezoid",
     "Value",
     "acting",
     "conditions_of",

@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from itertools import count
 from math import log2
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table
+from wovenfab.case import Case, CaseError, Cycles, Rectangle
+from wovenfab.case.program import planned_steps
+from wovenfab.simulation.response import has_fixed_steps
 from wovenfab.stepping.schemes import SCHEMES
 
 #: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
@@ -84,36 +86,32 @@ class Steps:
     @property
     def can_vary(self) -> bool:
         """Whether there is a segment whose steps are not given one by one."""
-        return any(not isinstance(segment, Table) for segment in self.case.program)
+        return not has_fixed_steps(self.case)
 
     def planned(self, factor: float) -> int:
         """Return the number of planned steps."""
-        return sum(self._counts(factor))
+        scaled = (
+            s if number is None else s.model_copy(update={"steps": number})
+            for s, number in zip(self.case.program, self._counts(factor), strict=True)
+        )
+        return planned_steps(scaled, self._per_cycle(factor))
 
     def with_factor(self, factor: float) -> tuple[str, ...]:
         """Return the values of the case that multiply its steps."""
-        values = []
-        for number, (segment, planned) in enumerate(
-            zip(self.case.program, self._counts(factor), strict=True)
-        ):
-            if isinstance(segment, Cycles):
-                per_cycle = planned // len(segment.amplitudes)
-                values.append(f"time.steps_per_cycle={per_cycle}")
-            elif not isinstance(segment, Table):
-                values.append(f"{self._place(number)}.steps={planned}")
-        return tuple(dict.fromkeys(values))
+        cyclic = any(isinstance(s, Cycles) for s in self.case.program)
+        values = [f"time.steps_per_cycle={self._per_cycle(factor)}"] if cyclic else []
+        for place, number in enumerate(self._counts(factor)):
+            if number is not None:
+                values.append(f"{self._place(place)}.steps={number}")
+        return tuple(values)
 
-    def _counts(self, factor: float) -> list[int]:
-        counts = []
-        for segment in self.case.program:
-            if isinstance(segment, Cycles):
-                per_cycle = max(2 * round(factor * self.case.time.steps_per_cycle / 2), 4)
-                counts.append(len(segment.amplitudes) * per_cycle)
-            elif isinstance(segment, Table):
-                counts.append(len(segment.samples.times))
-            else:
-                counts.append(max(round(factor * segment.steps), 1))
-        return counts
+    def _per_cycle(self, factor: float) -> int:
+        return max(2 * round(factor * self.case.time.steps_per_cycle / 2), 4)
+
+    def _counts(self, factor: float) -> list[int | None]:
+        """Return the steps of each segment that says how many it has."""
+        given = [getattr(segment, "steps", None) for segment in self.case.program]
+        return [steps and max(round(factor * steps), 1) for steps in given]
 
     def _place(self, number: int) -> str:
         """Return the key of a segment: a program of one may be written without a list."""
