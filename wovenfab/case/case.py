@@ -192,7 +192,10 @@ class Case(Section):
 
     def remarks(self) -> list[str]:
         """Return what is probably not meant, and how tables were thinned, in a sentence each."""
-        sections = {("sheet",): self.sheet, ("discretisation",): self.discretisation}
+        sections: dict[KeyPath, Section] = {
+            ("sheet",): self.sheet,
+            ("discretisation",): self.discretisation,
+        }
         sections |= {("program", i): segment for i, segment in enumerate(self.program)}
         found = [odd for path, section in sections.items() for odd in unusual(section, path)]
         for e in self.scene:

@@ -182,10 +182,10 @@ def _straightened(rows: Sequence[Point], tolerance: float) -> list[Point]:
             own.append(gate[s])
     pieces.append((last, steepest[1][2]))
     corners = []
-    for ((t, u), a), ((t2, u2), b), window in zip(pieces, pieces[1:], windows, strict=False):
+    for ((t, u1), a), ((t2, u2), b), window in zip(pieces, pieces[1:], windows, strict=False):
         low, high = window
-        meet = min(max((u2 - b * t2 - u + a * t) / (a - b), low), high)
-        corners.append((meet, u + a * (meet - t)))
+        meet = min(max((u2 - b * t2 - u1 + a * t) / (a - b), low), high)
+        corners.append((meet, u1 + a * (meet - t)))
     return [*corners, last]
 
 
@@ -312,7 +312,7 @@ class Trapezoid(_Segment):
 
     def parts(self, start: float) -> tuple[Ramp | Hold, ...]:
         """Return the segments that it is short for, once."""
-        more = {"steps": self.steps, "velocity": self.velocity}
+        more: Any = {"steps": self.steps, "velocity": self.velocity}
         there, back = (Ramp.model_construct(to=to, **more) for to in (self.to, start))
         durations = filter(None, (self.hold, self.rest))
         first, *rest = (Hold.model_construct(duration=d, steps=self.steps) for d in durations)
