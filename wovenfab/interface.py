@@ -235,6 +235,8 @@ def execute(
         OSError: If the directory cannot be written.
     """
     listener, watch, checkpoint = listener or Listener(), watch or Stopwatch(), None
+    for line in case.remarks():
+        listener.say(line)
     with ExitStack() as stack:
         place = None
         if directory is not None:

@@ -46,7 +46,7 @@ def test_the_example_is_read_in_si(example: str, write_case: WriteCase) -> None:
     (cycles,) = case.program
     assert isinstance(cycles, Cycles)
     assert cycles.amplitudes == (0.02, 0.04, 0.06)
-    assert cycles.max_velocity == 0.5
+    assert cycles.max_velocity == (0.5,)
     assert (case.discretisation.degree, case.discretisation.mesh_size) == (3, 0.03)
     assert case.output.every == 10
 

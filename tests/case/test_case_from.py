@@ -47,7 +47,8 @@ def test_only_what_differs_is_said(folder: Path) -> None:
     assert case.program[0].model_dump(exclude_none=True) == {
         "type": "cycles",
         "amplitudes": (0.03,),
-        "max_velocity": 0.5,
+        "repeat": 1,
+        "max_velocity": (0.5,),
     }
     base = read_case(folder / "base.yaml")
     assert case.sheet == base.sheet
@@ -62,7 +63,8 @@ def test_null_takes_out(folder: Path) -> None:
     assert case.program[0].model_dump(exclude_none=True) == {
         "type": "cycles",
         "amplitudes": (0.02, 0.04, 0.06),
-        "frequency": 2.0,
+        "repeat": 1,
+        "frequency": (2.0,),
     }
 
 

@@ -32,7 +32,6 @@ from wovenfab.case.document import (
     Document,
     existing_file,
     folder_of,
-    key_path,
     override,
     resolved_document,
 )
@@ -45,10 +44,11 @@ from wovenfab.case.effects import (
     custom_files,
     custom_schemas,
     needs_of_scene,
+    quantity,
 )
-from wovenfab.case.errors import CaseError, Problem, problems_in
-from wovenfab.case.program import Segments
-from wovenfab.case.quantities import Quantity, Section, plain
+from wovenfab.case.errors import CaseError, KeyPath, Problem, key_path, problems_in
+from wovenfab.case.program import Segments, Table, planned_steps
+from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
     Output,
@@ -170,6 +170,11 @@ class Case(Section):
         """Values by the name of the effect, in the order of the scene."""
         return {e.name: e.values for e in self.scene}
 
+    @property
+    def planned_steps(self) -> int:
+        """Number of planned load steps."""
+        return planned_steps(self.program, self.time.steps_per_cycle)
+
     def problem(self, key: str, message: str, remedy: str = "") -> Problem:
         """Return a problem with the file and line of its key; arguments as in ``Problem``."""
         return self._origin.document.problem(key_path(key), message, remedy)
@@ -184,6 +189,34 @@ class Case(Section):
         origin = self._origin
         document = reduce(_overridden, more, origin.document)
         return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
+
+    def remarks(self) -> list[str]:
+        """Return what is probably not meant, and how tables were thinned, in a sentence each."""
+        sections: dict[KeyPath, Section] = {
+            ("sheet",): self.sheet,
+            ("discretisation",): self.discretisation,
+        }
+        sections |= {("program", i): segment for i, segment in enumerate(self.program)}
+        found = [odd for path, section in sections.items() for odd in unusual(section, path)]
+        for e in self.scene:
+            for p in e.effect.parameters:
+                key = "effects", e.name, p.name
+                found += outside(quantity(p), e.values[p.name], key)
+        document = self._origin.document
+        problems = (
+            document.problem(document.locate(path), *kind.doubts(value))
+            for path, value, kind in dict.fromkeys(found)
+            if document.locate(path)[-1:] == path[-1:]  # not a default
+        )
+        tables = (s for s in self.program if isinstance(s, Table) and s.tolerance)
+        return [
+            *(f"warning: {problem}" for problem in problems),
+            *(
+                f"{t.samples.file.name}: {len(t.samples.times)} of {t.samples.rows} rows are left "
+                f"within {t.tolerance:g} m"
+                for t in tables
+            ),
+        ]
 
     def to_yaml(self) -> str:
         """Return YAML that reads as an equal case, with units and every default."""

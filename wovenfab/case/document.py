@@ -22,12 +22,14 @@ from wovenfab.case.errors import (
     describe,
     dotted,
     joined,
+    key_path,
     near_miss,
     one_of,
     reason,
     refusal,
     wrong,
 )
+from wovenfab.case.units import in_one_unit
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
@@ -79,6 +81,7 @@ def folder_of(info: ValidationInfo) -> Path:
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST = 20
+_UNITS = "A unit at the end serves for all, as in '20, 40 mm'; or each has its own."
 _MOST_VALUES = 100_000
 _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
@@ -130,8 +133,8 @@ class Document:
     def problem(self, path: KeyPath, message: str, remedy: str = "") -> Problem:
         """Return the problem of the value at ``path``, or of what should hold it."""
         holders = (path[:n] for n in range(len(path), -1, -1))
-        known = next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
-        return Problem(*known, dotted(path), message, remedy)
+        known = (self.places[p] for p in holders if p in self.places)
+        return Problem(*next(known, Place(self.file, None)), dotted(path), message, remedy)
 
     def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
         """Return problems in the order in which this case is read: by file, then by line."""
@@ -215,7 +218,11 @@ class _Reader:
             case MappingNode():
                 return dict(self._pairs(node, path))
             case SequenceNode():
-                return [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
+                values = [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
+                values, bare = in_one_unit(values)
+                if bare:
+                    self._problem(line, path, f"{bare} has no unit, but others have one", _UNITS)
+                return values
             case ScalarNode() if node.tag in _OTHER_SCALARS:
                 try:
                     return self.scalar(node)
@@ -247,8 +254,8 @@ class _Reader:
             self.lines[here] = line
             yield key.value, self.read(value, here)
 
-    def _problem(self, line: int, path: KeyPath, message: str) -> None:
-        self.problems.append(Problem(self.file, line, dotted(path), message))
+    def _problem(self, line: int, path: KeyPath, *words: str) -> None:
+        self.problems.append(Problem(self.file, line, dotted(path), *words))
 
 
 FROM = "from"
@@ -257,24 +264,23 @@ _TYPE, _SHAPE = "type", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
-def resolved_document(path: Path) -> Document:
+def resolved_document(path: Path, below: tuple[Path, ...] = ()) -> Document:
     """Return the contents of a case file with all that it takes over from others.
 
     Mappings are merged key by key, everything else is replaced, and null takes a key out.
 
+    Args:
+        path: The case file.
+        below: Files that start from it, and may not be among those that it starts from.
+
     Raises:
         CaseError: A file cannot be read, or what they say does not fit together.
     """
-    return _resolved(path, ())
-
-
-def _resolved(path: Path, below: tuple[Path, ...]) -> Document:
-    document = read_document(path)
+    document, below = read_document(path), (*below, path.resolve())
     if not isinstance(document.data, dict) or FROM not in document.data:
         return document
-    base_path = _base_of(document, path, (*below, path.resolve()))
+    base = resolved_document(_base_of(document, path, below), below)
     upper = {key: value for key, value in document.data.items() if key != FROM}
-    base = _resolved(base_path, (*below, path.resolve()))
     return _merged(base, replace(document, data=upper))
 
 
@@ -298,7 +304,8 @@ def _merged(base: Document, upper: Document) -> Document:
     changes = list(_changes(base.data, upper.data))
     if absent := [c for c in changes if c[1] is None and c[0][-1] not in c[2]]:
         raise CaseError(
-            upper.problem(p, _ABSENT, near_miss(p[-1], known)) for p, _, known in absent
+            upper.problem(p, "there is nothing here to take out", near_miss(p[-1], known))
+            for p, _, known in absent
         )
     gone = {path for path, *_ in changes}
     kept = {
@@ -334,11 +341,6 @@ def _merge(base: Any, upper: Any) -> bool:
         return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
-
-
-def key_path(key: str) -> KeyPath:
-    """Return the path of a dotted key."""
-    return tuple(int(k) if k.isdecimal() else k for k in key.strip().split("."))
 
 
 def override(document: Document, text: str) -> Document:

@@ -82,7 +82,7 @@ def custom_files(data: Any) -> dict[str, Any]:
 
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))
+    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"), usual=parameter.usual)
     if parameter.above is not None:
         return kind(above=parameter.above)
     return kind(least=0) if parameter.zero_allowed else kind(above=0)

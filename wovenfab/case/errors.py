@@ -107,6 +107,11 @@ def dotted(path: KeyPath) -> str:
     return ".".join(map(str, path))
 
 
+def key_path(key: str) -> KeyPath:
+    """Return the path of a dotted key."""
+    return tuple(int(k) if k.isdecimal() else k for k in key.strip().split("."))
+
+
 def one_of(options: Sequence[str]) -> str:
     """Return ``'a', 'b' or 'c'``."""
     quoted = [f"'{o}'" for o in options]

@@ -25,6 +25,7 @@ from wovenfab.case.quantities import (
     Angle,
     AtLeastOne,
     Count,
+    Extent,
     Interval,
     Length,
     Quantity,
@@ -57,10 +58,10 @@ class Rectangle(Section):
     shape: Literal["rectangle"] = "rectangle"
     """Kind of sheet; for other shapes give a file instead."""
 
-    length: Size = Field(examples=["0.90 m"])
+    length: Extent = Field(examples=["0.90 m"])
     """Extent along x."""
 
-    width: Size = Field(examples=["0.30 m"])
+    width: Extent = Field(examples=["0.30 m"])
     """Extent along y."""
 
     fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])

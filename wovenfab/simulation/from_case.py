@@ -5,11 +5,11 @@ Numbers stay numbers, formulas become functions of the position.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
-from math import inf, isfinite, pi
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ from wovenfab.case import (
     Ramp,
     Rectangle,
     Table,
+    Trapezoid,
     conditions_of,
 )
 from wovenfab.case.checks import unfit_values
@@ -46,9 +47,17 @@ from wovenfab.sheet.sheet import (
     rectangle,
     rectangle_outline,
 )
-from wovenfab.simulation.progress import memory, memory_of_machine
+from wovenfab.simulation.progress import require_possible
 from wovenfab.solver.problem import SolverOptions
-from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
+from wovenfab.stepping.program import (
+    Program,
+    Segment,
+    cycle,
+    load_cycle,
+    program_of,
+    ramp,
+    table,
+)
 from wovenfab.stepping.schemes import SCHEMES, Scheme
 
 #: What the functions of a formula mean in UFL.
@@ -116,37 +125,19 @@ def _by_coefficient(formula: Expression, number: int, position: Any) -> Any:
     return ufl.diff(_in_ufl(with_change(formula, number), position, change), change)
 
 
-#: Steps that a program may have in all.
-MOST_STEPS = 2_000_000
-
-
 def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     """Return the meshed sheet of a case; collective.
 
     Raises:
-        CaseError: If the geometry cannot be meshed or lacks an edge that the case names; if the
-            case has more steps, or needs more memory, than there can be.
+        CaseError: If the geometry cannot be meshed or lacks an edge that the case names, or
+            :func:`require_possible` says so.
     """
-    per_cycle = case.time.steps_per_cycle
-    steps = sum(
-        len(s.amplitudes) * per_cycle if isinstance(s, Cycles) else getattr(s, "steps", 0)
-        for s in case.program
-    )
-    if steps > MOST_STEPS:
-        message = f"has {steps:.3g} steps; at most {MOST_STEPS:.3g} are possible"
-        raise CaseError([case.problem("program", message, "Take fewer steps a cycle or cycles.")])
-    if isinstance(case.sheet, Rectangle) and (size := case.discretisation.mesh_size):
-        triangles = 2 * case.sheet.length * case.sheet.width / size**2
-        nodes = triangles * case.discretisation.degree**2 / 2
-        require_memory(case, int(2 * nodes * case.needs.placements), comm)
+    require_possible(case, comm)
     try:
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     except GeometryError as error:
         raise CaseError([case.problem("sheet.file", str(error))]) from error
-    if missing := [name for name in case.boundary if name not in sheet.edges]:
-        known = f"It has {', '.join(sorted(sheet.edges))}."
-        key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
-        raise CaseError([case.problem(key, message, known)])
+    require_edges(case, sheet.edges)
     faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
     if faults:
         x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
@@ -155,22 +146,44 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     return sheet
 
 
-def require_memory(case: Case, unknowns: int, comm: MPI.Comm) -> None:
-    """Refuse what the memory of all machines together cannot hold; collective.
+def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
+    """Return about how many unknowns there would be, without a mesh of that size; collective.
+
+    A mesh that is in a file counts as none: it is read as it is.
 
     Raises:
-        CaseError: On every rank.
+        CaseError: As from :func:`sheet_of`.
     """
-    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    have = comm.allreduce(memory_of_machine() / machine.size)
-    machine.Free()
-    if (need := memory(unknowns)) > have:
-        message = (
-            f"about {unknowns:.3g} unknowns need about {need / 1e9:.3g} GB of memory, "
-            f"and there are {have / 1e9:.3g} GB"
-        )
-        remedy = "Take larger cells or a lower degree, or more machines."
-        raise CaseError([case.problem("discretisation.mesh_size", message, remedy)])
+    require_possible(case, comm)
+    size = case.discretisation.mesh_size
+    if isinstance(case.sheet, Rectangle):
+        area = case.sheet.length * case.sheet.width
+    elif Path(case.sheet.file).suffix == ".msh":
+        return 0
+    else:
+        from wovenfab.sheet.gmsh_io import outline_from_file
+
+        try:
+            outline, own = outline_from_file(comm, Path(case.sheet.file), None)
+        except GeometryError as error:
+            raise CaseError([case.problem("sheet.file", str(error))]) from error
+        require_edges(case, {name for _, _, name in outline.segments() if name is not None})
+        area, size = outline.polygon.area, size or own
+    assert size is not None
+    nodes = 4 * area / size**2 * case.discretisation.degree**2 / 2
+    return round(2 * nodes * case.needs.placements)
+
+
+def require_edges(case: Case, known: Collection[str]) -> None:
+    """Refuse a case that names an edge that the sheet has not got.
+
+    Raises:
+        CaseError: With the edges that there are.
+    """
+    if missing := [name for name in case.boundary if name not in known]:
+        remedy = f"It has {', '.join(sorted(known))}."
+        key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
+        raise CaseError([case.problem(key, message, remedy)])
 
 
 def follows_fibres(case: Case) -> bool:
@@ -346,22 +359,25 @@ def program_of_case(case: Case) -> Program:
 
 def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
     """Return a segment's stretches and the displacement (m) at its end."""
-    if isinstance(segment, Cycles):
-        frequency, velocity = segment.frequency, segment.max_velocity  # one of them is given
-        cycles: list[Segment] = []
-        for amplitude in segment.amplitudes:
-            period = 1 / frequency if frequency else pi * amplitude / (velocity or inf)
-            cycles += cycle(start, amplitude, period=period, steps=per_cycle)
-        return cycles, start
-    if isinstance(segment, Ramp):
-        way = abs(segment.to - start)
-        duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
-        return [ramp(start, segment.to, duration, segment.steps)], segment.to
-    if isinstance(segment, Hold):
-        return [ramp(start, start, segment.duration, segment.steps)], start
+    match segment:
+        case Cycles():
+            turns = (cycle(start, a, period, per_cycle) for a, period in segment.turns())
+            return [stretch for turn in turns for stretch in turn], start
+        case Ramp(to=end, steps=steps):
+            way = abs(end - start)
+            duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
+            return [ramp(start, end, duration, steps)], end
+        case Hold(duration=duration, steps=steps):
+            return [ramp(start, start, duration, steps)], start
+        case Trapezoid(repeat=repeat):
+            position, once = start, list[Segment]()
+            for part in segment.parts(start):
+                added, position = _stretches(part, position, per_cycle)
+                once += added
+            return load_cycle(once) * repeat, start
     assert isinstance(segment, Table)
-    displacements = segment.samples.displacements
-    return table(start, segment.samples.times, displacements), displacements[-1]
+    times, displacements = segment.samples.times, segment.samples.displacements
+    return table(start, times, displacements, segment.divisions), displacements[-1]
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

@@ -15,11 +15,10 @@ import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, Cycles, Hold, Ramp
+from wovenfab.case import Case, Cycles
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 
@@ -208,7 +207,7 @@ def trial_of(case: Case, accuracy: float) -> Case:
     the accuracy.
     """
     program = tuple(
-        s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
+        s.model_copy(update={"amplitudes": (max(s.amplitudes),), "repeat": 1})
         if isinstance(s, Cycles)
         else s
         for s in case.program
@@ -230,9 +229,9 @@ def with_steps(
         fewest: Of a ramp or a hold.
     """
     program = tuple(
-        s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
-        if isinstance(s, Ramp | Hold)
-        else s
+        s
+        if isinstance(s, Cycles) or not s.steps
+        else s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
         for s in case.program
     )
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
@@ -240,14 +239,9 @@ def with_steps(
     return case.model_copy(update={"program": program, "time": time})
 
 
-def planned_steps(case: Case) -> int:
-    """Return the number of planned steps of a case."""
-    return len(program_of_case(case).milestones) - 1
-
-
 def has_fixed_steps(case: Case) -> bool:
     """Return whether no segment can be divided in another number of steps."""
-    return not any(isinstance(s, Cycles | Ramp | Hold) for s in case.program)
+    return not any(isinstance(s, Cycles) or s.steps for s in case.program)
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:

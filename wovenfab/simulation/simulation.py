@@ -24,11 +24,10 @@ from wovenfab.simulation.from_case import (
     model_of,
     options_of,
     program_of_case,
-    require_memory,
     require_values,
     scheme_of,
 )
-from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
+from wovenfab.simulation.progress import Interruption, Stopwatch, require_memory, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import OptionError, Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
