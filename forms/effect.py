@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import ufl
@@ -34,6 +35,7 @@ class Parameter:
         default: Value in the SI unit where a case gives none; None if it must.
         above: Lower bound in the SI unit that is not reached itself, such as 1 for a
             power; None for the bound that ``zero_allowed`` implies.
+        usual: Values outside are asked back, since a unit is probably wrong; zero is not.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Parameter:
     zero_allowed: bool = True
     default: float | None = None
     above: float | None = None
+    usual: tuple[float, float] = (0.0, inf)
 
 
 @dataclass(frozen=True)
