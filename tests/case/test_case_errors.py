@@ -55,7 +55,7 @@ def test_every_problem_is_told_with_line_and_remedy(
 def test_problems_of_different_sections_are_told_together(
     example: str, write_case: WriteCase
 ) -> None:
-    text = example.replace("400 N/m}", "400 N}").replace("bdf2", "bdf3").replace("left:", "lft:")
+    text = example.replace("400 N/m}", "400 N}").replace("bdf2", "bdf4").replace("left:", "lft:")
     with pytest.raises(CaseError) as caught:
         read_case(write_case(text))
     problems = caught.value.problems

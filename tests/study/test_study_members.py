@@ -134,8 +134,8 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
         ),
         ("case: cases/bias.yaml\nruns: {a: {}}", ":2: runs.a: no value is given."),
         (
-            "case: cases/bias.yaml\nruns:\n  a: {time.scheme: bdf2}\n  b:\n    time.scheme: bdf3",
-            ":5: time.scheme: expected 'bdf2', 'backward-euler' or 'midpoint', got 'bdf3'.",
+            "case: cases/bias.yaml\nruns:\n  a: {time.scheme: bdf2}\n  b:\n    time.scheme: bdf4",
+            ":5: time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'.",
         ),
         (
             "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1, 2 N]",

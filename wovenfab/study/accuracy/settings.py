@@ -138,9 +138,8 @@ def in_time(case: Case, mesh: Sequence[str]) -> list[Iterator[Setting]]:
     Every scheme with planned steps, and steps that adapt where their error is known.
     """
     methods = [_finer_steps(case, mesh, scheme, adaptive=False) for scheme in SCHEMES.values()]
-    if case.needs.rate:
-        methods.append(_finer_steps(case, mesh, SCHEMES["bdf2"], adaptive=True))
-    return methods
+    adaptive = [s for s in SCHEMES.values() if s.measures_error] if case.needs.rate else []
+    return [*methods, *(_finer_steps(case, mesh, s, adaptive=True) for s in adaptive)]
 
 
 def _finer_steps(
