@@ -175,20 +175,20 @@ def _described(parameter: Parameter) -> Any:
 RESISTIBLE = ("stretching", "shearing", "slipping", "curving")
 
 
-def needs_of(effects: Iterable[Effect]) -> Needs:
+def needs_of(effects: Collection[Effect]) -> Needs:
     """Return what some effects need together."""
     needs = [effect.needs for effect in effects]
     return Needs(
         placements=max((n.placements for n in needs), default=1),
         second_gradient=any(n.second_gradient for n in needs),
         rate=any(n.rate for n in needs),
-        increment=any(n.increment for n in needs),
+        increment=any(e.needs.increment or e.memory for e in effects),
     )
 
 
 def needs_of_scene(scene: Scene) -> Needs:
     """Return what the effects of a scene need together."""
-    return needs_of(e.effect for e in scene)
+    return needs_of([e.effect for e in scene])
 
 
 def acting(scene: Scene) -> list[SceneEffect]:

@@ -83,7 +83,7 @@ def run(
     first = checkpoint.step if checkpoint else -1
     rows = HistoryRows(
         [e.name for e in model.effects if not e.dissipative],
-        [e.name for e in model.effects if e.dissipative],
+        [e.name for e in model.effects if e.loses],
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
     )
