@@ -193,9 +193,12 @@ class Balance:
         return sum(t.weight * self._dissipated(t, point) for t in lossy) * self._dx
 
     def densities(self) -> dict[str, Any]:
-        """Return each effect's share of the potential's density inside the cells (J/m^2)."""
-        point = self._point(self.field)
-        return {t.effect.name: self._density(t, point) for t in self.terms}
+        """Return each effect's share of the potential's density inside the cells (J/m^2).
+
+        Those with internal variables are left out: they have values at their own points alone.
+        """
+        point, terms = self._point(self.field), [t for t in self.terms if not t.effect.memory]
+        return {t.effect.name: self._density(t, point) for t in terms}
 
     def residual(self, test: Any) -> Any:
         """Return the first variation of the potential (N) for a test field."""

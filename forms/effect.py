@@ -315,6 +315,6 @@ def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any 
 
 
 def along_fields(form: Any, changes: Sequence[tuple[Any, Any]]) -> Any:
-    """Return how a form, or an expression, changes along fields: pairs of a field and its change."""
+    """Return how a form, or an expression, changes; pairs are of a field and its change."""
     zero = ufl.zero(*form.ufl_shape) if isinstance(form, ufl.core.expr.Expr) else ufl.Form([])
     return sum((ufl.derivative(form, field, change) for field, change in changes), zero)

@@ -32,7 +32,7 @@ from wovenfab.model.constraints import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.problem import SolverOptions, SolveResult
+from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step
@@ -212,6 +212,7 @@ class Refusing(EquilibriumSolver):
     calls = 0
 
     def solve(self) -> SolveResult:
+        """Solve, and call it a failure or not."""
         result = super().solve()
         self.calls += 1
         return replace(result, converged=result.converged and self.calls % 3 != 0)

@@ -177,7 +177,7 @@ def _lines(error: BaseException, path: Path) -> list[int | None]:
 
 
 def _check_parameters(effect: Effect, value: str) -> None:
-    named = [(p, "parameter") for p in effect.parameters]
+    named: list[tuple[Any, str]] = [(p, "parameter") for p in effect.parameters]
     named += [(v, "internal variable") for v in effect.memory]
     times = Counter(one.name for one, _ in named)
     for one, kind in reversed(named):

@@ -211,7 +211,8 @@ class Memory:
         """Go on with the values of a snapshot; return the names of those that it has."""
         known = [v for v in self.variables if str(v) in snapshot]
         for variables in known:
-            variables.accepted = snapshot[str(variables)].parts
+            now, last = snapshot[str(variables)].parts
+            variables.accepted = now, last
             variables.begin()
         return [str(v) for v in known]
 

@@ -40,7 +40,10 @@ class _PointRule:
         creep = friction.creep()
         self._creep = None if creep is None else compile_expression(creep, points)
         given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
-        self._given, self.varies = compile_expression(given, points), bool(friction.term.effect.memory)
+        self._given, self.varies = (
+            compile_expression(given, points),
+            bool(friction.term.effect.memory),
+        )
         area, _ = self.at(self._given).reshape(-1, 2).T
         self.area = np.repeat(area * np.tile(weights, own), self._size)
 

@@ -339,8 +339,7 @@ class PointSensitivity:
             targets: The parameters.
             changes: Fields that the laws depend on, each with that along which it changes.
         """
-        self._stress, points = stress, stress.points
-        frictions = model.point_frictions
+        self._stress, points, frictions = stress, stress.points, model.point_frictions
 
         def slopes(of: Callable[[PointFriction], Any]) -> tuple[Any, list[Any]]:
             """Return the changes of a quantity along the fields, and by each parameter."""
@@ -353,8 +352,10 @@ class PointSensitivity:
             along = points.compiled([along_fields(of(f), changes) for f in frictions])
             return along, [points.compiled(row) for row in parameters]
 
-        self._strengths, self._excesses = slopes(PointFriction.strength), slopes(PointFriction.excess)
-        self._tangent = self._by_bound = np.zeros(0)
+        self._strengths = slopes(PointFriction.strength)
+        self._excesses = slopes(PointFriction.excess)
+        self._tangent: Array = np.zeros(0)
+        self._by_bound: Array = np.zeros(0)
 
     def linearise(self) -> None:
         """Linearise the laws at the solution, and give the forms their tangents."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.model import preserved
 from wovenfab.model.memory import attributes, take_attributes
+from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State

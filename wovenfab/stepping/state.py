@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.model.model import preserved
 from wovenfab.model.memory import attributes, take_attributes
+from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
