@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.case.reading import WriteCase
 from wovenfab.case import (
     Case,
     CaseError,
@@ -24,7 +24,6 @@ from wovenfab.case import (
     read_case,
 )
 
-WriteCase = Callable[[str], Path]
 #: What example.yaml says.
 SECTIONS: dict[str, Any] = {
     "title": "Bias extension",

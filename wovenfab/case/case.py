@@ -46,7 +46,7 @@ from wovenfab.case.effects import (
     custom_schemas,
     needs_of_scene,
 )
-from wovenfab.case.errors import CaseError, KeyPath, Problem, problems_in
+from wovenfab.case.errors import CaseError, Problem, problems_in
 from wovenfab.case.program import Segments
 from wovenfab.case.quantities import Quantity, Section, plain
 from wovenfab.case.schema import (
@@ -262,7 +262,8 @@ def _overridden(document: Document, text: str) -> Document:
     """
     changed = override(document, text)
     key = text.partition("=")[0]
-    if not (_holds(document.data, key_path(key)) or _holds(changed.data, key_path(key))):
+    path = key_path(key)
+    if path not in (document.locate(path), changed.locate(path)):
         try:
             _case(_Origin(override(document, f"{key}=clamp"), None))
         except CaseError as error:
@@ -271,22 +272,8 @@ def _overridden(document: Document, text: str) -> Document:
     return changed
 
 
-def _holds(data: Any, path: KeyPath) -> bool:
-    """Return whether there is a value at a path."""
-    for key in path:
-        if isinstance(data, list):
-            data = data[key] if isinstance(key, int) and key < len(data) else None
-        else:
-            data = data.get(str(key)) if isinstance(data, dict) else None
-    return data is not None
-
-
 def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
-    """Return the JSON Schema of a whole case.
-
-    Args:
-        custom: The user's own effects, to be described beside those of forms/.
-    """
+    """Return the JSON Schema of a whole case, with effects of the user's own."""
     schema = Case.model_json_schema(schema_generator=_InOrder)
     schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
     schema["$defs"]["Effects"]["properties"] |= custom_schemas(custom)

@@ -41,12 +41,7 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
 def custom_effects(files: Mapping[str, Any], folder: Path) -> CustomEffects:
-    """Return the effects that a case names by file, in its order.
-
-    Args:
-        files: Their files by name, as the case has them; they may be invalid.
-        folder: Where the case lies.
-    """
+    """Return the effects that a case in a folder names by (perhaps invalid) files, in its order."""
     effects: dict[str, CustomEffect | PydanticCustomError] = {}
     for key, file in files.items():
         try:

@@ -24,6 +24,7 @@ from wovenfab.case.errors import (
     joined,
     near_miss,
     one_of,
+    reason,
     refusal,
     wrong,
 )
@@ -53,12 +54,9 @@ class FileName(str):
 
 
 def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
-    """Return the absolute path of a file that a case names.
+    """Return the absolute path of a file that a case names, or of a folder without suffixes.
 
-    Args:
-        value: The text in the case.
-        folder: Where the case lies, for a name that does not know its own folder.
-        suffixes: Allowed ends of the name; none for the name of a folder.
+    ``folder`` is where the case lies, for a name that does not know its own folder.
     """
     folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
@@ -116,11 +114,8 @@ class Document:
         """Return the path in the data of a place in the case.
 
         The place may also name which form of a section was meant (``"cycles"``) and
-        count items of a list whose brackets were left out; these are passed over.
-
-        Args:
-            location: Place in the case.
-            missing: Whether the last key is not there, and is kept all the same.
+        count items of a list whose brackets were left out; these are passed over. A last key
+        that is ``missing`` is kept all the same.
         """
         path: list[str | int] = []
         data = self.data
@@ -154,12 +149,9 @@ def read_document(path: Path) -> Document:
 
 
 def parse_document(text: str, file: str, folder: Path | None = None) -> Document:
-    """Return what YAML text says, as :func:`read_document` does.
+    """Return what YAML text of a file says, as :func:`read_document` does.
 
-    Args:
-        text: The YAML.
-        file: Where it is from, for messages.
-        folder: What the files that it names are relative to; the case's folder if None.
+    Files that it names are relative to ``folder``; to that of the case if None.
     """
     try:
         root = YAML(typ="safe", pure=True).compose(text)
@@ -261,7 +253,7 @@ class _Reader:
 
 FROM = "from"
 #: With ``LAW`` the keys that say what kind of mapping it is; another kind takes nothing over.
-_TYPE = "type"
+_TYPE, _SHAPE = "type", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
@@ -292,9 +284,7 @@ def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
     try:
         base = existing_file(given, path.parent, (".yaml", ".yml"))
     except PydanticCustomError as error:
-        text = error.context or {}
-        problem = document.problem((FROM,), text["message"], text["remedy"])
-        raise CaseError([problem]) from error
+        raise CaseError([document.problem((FROM,), *reason(error))]) from error
     if base in known:
         loop = " from ".join(file.name for file in (*known[known.index(base) :], base))
         raise CaseError([document.problem((FROM,), f"this goes round in a circle: {loop}")])
@@ -340,6 +330,8 @@ def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
+    if FILE in upper if FILE not in base else _SHAPE in upper:
+        return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
 
@@ -350,11 +342,9 @@ def key_path(key: str) -> KeyPath:
 
 
 def override(document: Document, text: str) -> Document:
-    """Return the document with one value replaced.
+    """Return the document with one value replaced, by ``dotted.key=value`` with the value in YAML.
 
-    Args:
-        document: What to change; it stays as it is.
-        text: ``dotted.key=value``, the value in YAML; ``null`` takes the key out.
+    ``null`` takes the key out.
 
     Raises:
         CaseError: The text is malformed, or the key leads through a plain value.
@@ -362,11 +352,8 @@ def override(document: Document, text: str) -> Document:
     key, equals, value = text.partition("=")
     path = key_path(key)
     if not equals or "" in path:
-        raise refusal(
-            OVERRIDE,
-            f"expected 'key=value', got {text!r}",
-            "For example --set time.steps_per_cycle=160.",
-        )
+        remedy = "For example --set time.steps_per_cycle=160."
+        raise refusal(OVERRIDE, f"expected 'key=value', got {text!r}", remedy)
     try:
         given = parse_document(value if value.strip() else "null", OVERRIDE)
     except CaseError as error:

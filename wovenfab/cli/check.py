@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from forms import effects
 from forms.effect import Needs
-from wovenfab.case import Case, acting, read_case
+from wovenfab.case import Case, read_case
+from wovenfab.case.effects import acting
 from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import memory
 
@@ -17,13 +18,7 @@ if TYPE_CHECKING:
 
 
 def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
-    """Validate a case file, say what would be built and return the exit code.
-
-    Args:
-        path: The case file.
-        overrides: Values that replace those of the file.
-        resolved: Whether to print the case as a whole instead.
-    """
+    """Validate a case file, say what would be built and return the exit code."""
     console = Console()
     case = read_case(path, overrides)
     if resolved:
@@ -34,7 +29,6 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
     from wovenfab.simulation.from_case import program_of_case, require_memory, sheet_of
 
     sheet = sheet_of(case, MPI.COMM_WORLD)
-
     steps = len(program_of_case(case).milestones) - 1
     unknowns = count_unknowns(case, sheet)
     require_memory(case, unknowns, MPI.COMM_WORLD)
@@ -88,8 +82,7 @@ def _brought(now: Needs, more: Needs) -> str:
         (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
-    found = [what for is_new, what in news if is_new]
-    return " and ".join(found) or "its own terms only"
+    return " and ".join(what for is_new, what in news if is_new) or "its own terms only"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,6 +1,6 @@
-"""Values of a case for the model: numbers stay, formulas become functions of the position.
+"""From a case to the sheet, model, constraints, program and solver that it describes.
 
-From a case to the sheet, model, constraints, program and solver that it describes.
+Numbers stay numbers, formulas become functions of the position.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from wovenfab.case import (
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
 from wovenfab.case.quantities import coefficients, with_change
-from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
-from wovenfab.model.model import Model, Numerics, Value, build_model
+from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
+from wovenfab.model.fields import extent, misplaced
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.parallel import agree
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.sheet import (
@@ -72,24 +73,11 @@ UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def value_of(value: float | Expression) -> Value:
-    """Return a number, or a UFL expression as a function of the reference position."""
+def _for_model(value: Any) -> Any:
+    """Return a number, or a UFL expression as a function of position and program; so for pairs."""
+    if isinstance(value, tuple):
+        return tuple(map(_for_model, value))
     return partial(_in_ufl, value) if isinstance(value, Expression) else value
-
-
-def load_of(value: float | Expression) -> Force:
-    """Return a number, or a UFL expression as a function of position and program."""
-    return partial(_in_ufl, value) if isinstance(value, Expression) else value
-
-
-def values_of(values: Mapping[str, Any]) -> dict[str, Value | tuple[Value, Value]]:
-    """Return an effect's values; pairs are those of the two families."""
-    return {
-        name: (value_of(value[0]), value_of(value[1]))
-        if isinstance(value, tuple)
-        else value_of(value)
-        for name, value in values.items()
-    }
 
 
 def held_of(component: Component) -> Held | None:
@@ -155,11 +143,15 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     except GeometryError as error:
         raise CaseError([case.problem("sheet.file", str(error))]) from error
-    missing = [name for name in case.boundary if name not in sheet.edges]
-    if missing:
+    if missing := [name for name in case.boundary if name not in sheet.edges]:
         known = f"It has {', '.join(sorted(sheet.edges))}."
         key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
         raise CaseError([case.problem(key, message, known)])
+    faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
+    if faults:
+        x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
+        where = f"Positions are those at rest; the sheet has x from {x} and y from {y}."
+        raise CaseError([case.problem(key, what, where) for key, what in faults])
     return sheet
 
 
@@ -253,7 +245,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for family in (1, 2)
     ]
     loads = [
-        EdgeLoad(name, _families_of(edge), (load_of(edge.force[0]), load_of(edge.force[1])))
+        EdgeLoad(name, _families_of(edge), _for_model(edge.force))
         for name, _, edge in conditions
         if edge.force is not None
     ]
@@ -261,7 +253,10 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         return build_model(
             sheet,
             [term.effect for term in case.scene],
-            {term.name: values_of(term.values) for term in case.scene},
+            {
+                term.name: {name: _for_model(value) for name, value in term.values.items()}
+                for term in case.scene
+            },
             Numerics(
                 degree=d.degree,
                 quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
@@ -352,9 +347,12 @@ def program_of_case(case: Case) -> Program:
 def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
     """Return a segment's stretches and the displacement (m) at its end."""
     if isinstance(segment, Cycles):
-        turn = partial(cycle, start, steps=per_cycle)
-        period = _period(segment)
-        return [s for a in segment.amplitudes for s in turn(a, period=period(a))], start
+        frequency, velocity = segment.frequency, segment.max_velocity  # one of them is given
+        cycles: list[Segment] = []
+        for amplitude in segment.amplitudes:
+            period = 1 / frequency if frequency else pi * amplitude / (velocity or inf)
+            cycles += cycle(start, amplitude, period=period, steps=per_cycle)
+        return cycles, start
     if isinstance(segment, Ramp):
         way = abs(segment.to - start)
         duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
@@ -364,16 +362,6 @@ def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment
     assert isinstance(segment, Table)
     displacements = segment.samples.displacements
     return table(start, segment.samples.times, displacements), displacements[-1]
-
-
-def _period(segment: Cycles) -> Any:
-    """Return the period (s) as a function of the amplitude (m)."""
-    if segment.frequency is not None:
-        frequency = segment.frequency
-        return lambda amplitude: 1 / frequency
-    assert segment.max_velocity is not None
-    velocity = segment.max_velocity
-    return lambda amplitude: pi * amplitude / velocity
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

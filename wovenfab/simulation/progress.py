@@ -10,10 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from wovenfab.stepping.step import Step
 
 
@@ -77,9 +79,6 @@ def peak_memory() -> int:
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 #: Signals of a terminal that is closed or Ctrl-C, of batch systems and of ``kill``.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 #: Seconds in which signals are one: a terminal, a launcher and a batch system may all send it.
@@ -122,9 +121,8 @@ class Interruption:
     def __init__(self, launched: bool = False) -> None:
         """Note nothing yet.
 
-        Args:
-            launched: A launcher of ranks passes the signals on, and kills soon after all but
-                SIGUSR1: then the step in progress is dropped.
+        A launcher of ranks passes the signals on, and kills soon after all but SIGUSR1: if
+        ``launched``, the step in progress is then dropped.
         """
         self._launched = launched
         self._number, self._since = 0, 0.0
@@ -138,12 +136,7 @@ class Interruption:
                 self._former[number] = signal.signal(number, self._note)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Listen no longer."""
         for number, former in self._former.items():
             signal.signal(number, former)

@@ -204,11 +204,8 @@ def with_elements(case: Case, **changes: object) -> Case:
 def trial_of(case: Case, accuracy: float) -> Case:
     """Return a shorter case with the same accuracy: only the largest of its cycles.
 
-    Forces balance to the root of the solver's tolerance at least.
-
-    Args:
-        case: The case.
-        accuracy: To which responses will be compared.
+    Forces balance to the root of the solver's tolerance at least; responses will be compared to
+    the accuracy.
     """
     program = tuple(
         s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
@@ -221,20 +218,21 @@ def trial_of(case: Case, accuracy: float) -> Case:
     return case.model_copy(update={"program": program, "solver": solver})
 
 
-def with_steps(case: Case, share: float, tolerance: float | None = None) -> Case:
+def with_steps(
+    case: Case, share: float, tolerance: float | None = None, fewest: int = FEWEST
+) -> Case:
     """Return a case with about this share of its planned steps; a table keeps its rows.
 
     Args:
         case: The case.
         share: Number of planned steps over that of the case.
         tolerance: By which steps adapt in between; None for planned steps.
+        fewest: Of a ramp or a hold.
     """
-
-    def fewer(steps: int) -> int:
-        return max(FEWEST, round(steps * share))
-
     program = tuple(
-        s.model_copy(update={"steps": fewer(s.steps)}) if isinstance(s, Ramp | Hold) else s
+        s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
+        if isinstance(s, Ramp | Hold)
+        else s
         for s in case.program
     )
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
@@ -253,13 +251,7 @@ def has_fixed_steps(case: Case) -> bool:
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:
-    """Return unknowns of the higher degree that make the same field.
-
-    Args:
-        values: Unknowns of the lower degree with ghosts, shape (n,), m.
-        low: Their model, on the same mesh as
-        high: that of higher degree.
-    """
+    """Return unknowns (m, with ghosts) of a higher degree that make the same field."""
     elements = [
         basix.ufl.element("Lagrange", "triangle", m.balance.degree).basix_element
         for m in (low, high)
@@ -279,13 +271,7 @@ class Prolongation:
     """
 
     def __init__(self, states: Mapping[float, Array], low: Model, high: Model) -> None:
-        """Start without any step.
-
-        Args:
-            states: Unknowns of the lower degree with ghosts (m) by time (s).
-            low: Their model, on the same mesh as
-            high: the one that is stepped.
-        """
+        """Start without any step, from unknowns (m, with ghosts) of lower degree by time (s)."""
         self._states, self._low, self._high = states, low, high
         self._corrections: list[tuple[float, Array]] = []
 

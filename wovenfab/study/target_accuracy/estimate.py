@@ -25,9 +25,10 @@ from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.field_file import ERROR
-from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
+from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.response import (
     Response,
