@@ -10,8 +10,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
@@ -24,7 +24,7 @@ KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
 #: What a later step depends on.
-MEMORY = "time", "number", "states", "steps"
+MEMORY, VARIABLES = ("time", "number", "states", "steps"), "variables"
 
 
 class State:
@@ -50,6 +50,9 @@ class State:
         """
         self._solver, self._model = solver, solver.problem.model
         self._program, self._scheme, self._predicts = program, scheme, predict
+        self._memory = self._model.memory
+        if self._memory:
+            self._memory.start(scheme.stage)
         self.initial_guess: Callable[[float], Array | None] = lambda time: None
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
@@ -60,12 +63,15 @@ class State:
         self.states = [self._model.field.x.array.copy() for _ in self.states]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the accepted states and when they were."""
-        return attributes(self, *MEMORY)
+        """Return the accepted states and when they were, and internal variables."""
+        variables = self._memory.snapshot() if self._memory else {}
+        return {**attributes(self, *MEMORY), VARIABLES: variables}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from the states of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
+        if self._memory:
+            self._memory.resume(snapshot[VARIABLES])
         self._model.field.x.array[:] = self.states[0]
 
     def attempt(self, until: float, jump: bool) -> SolveResult:
@@ -81,6 +87,8 @@ class State:
         self._solver.problem.prescribe(start + scheme.stage * (end - start))
         if model.rate_weights:
             self._set_rate(scheme.weights(step, self._step_before(step, jump)))
+        if self._memory:
+            self._memory.begin(self.states[0], step)
         model.last.x.array[:] = self.states[0]
         self._predict(until, scheme.stage * step, jump)
         return self._solver.solve()
@@ -110,6 +118,8 @@ class State:
             jump: The velocity jumped at its start.
         """
         self._solver.accept()
+        if self._memory:
+            self._memory.accept()
         self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
         self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
         self.time = until

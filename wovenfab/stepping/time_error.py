@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 
 Array = NDArray[np.float64]
