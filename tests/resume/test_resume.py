@@ -43,6 +43,7 @@ CASES = {
     "midpoint": ("bias-1x3", "time.scheme=midpoint"),
     "backward Euler": ("bias-1x3", "time.scheme=backward-euler", "time.steps_per_cycle=20"),
     "stress at points": ("coulomb",),
+    "internal variables": ("../docs/examples/wear",),
     "probes": (
         "bias-1x3",
         "output.probes={a: {type: point, at: [0.2, 0.1]}, c: {type: zone, centre: [0.45, 0.15], "
@@ -122,6 +123,7 @@ def on_some_ranks(ranks: int, case: Case, directory: Path, **options: object) ->
     [
         ("slip and spin friction, adaptive", [(1, 3), (3, 2), (2, 4), (4, 1)]),
         ("stress at points", [(3, 4), (2, 1)]),
+        ("internal variables", [(1, 2), (2, 1)]),
         *(
             pytest.param(name, list(product(range(1, 5), repeat=2)), marks=pytest.mark.slow)
             for name in ("slip and spin friction, adaptive", "stress at points")

@@ -153,7 +153,7 @@ def needs_of_scene(scene: Scene) -> Needs:
         placements=max((n.placements for n in needs), default=1),
         second_gradient=any(n.second_gradient for n in needs),
         rate=any(n.rate for n in needs),
-        increment=any(n.increment for n in needs),
+        increment=any(e.effect.needs.increment or e.effect.memory for e in scene),
     )
 
 

@@ -118,7 +118,7 @@ def in_one_unit(values: list[Any]) -> tuple[list[Any], str]:
     found = [_QUANTITY.fullmatch(text) if len(text) <= LONGEST else None for text in texts]
     numbers = [match for match in found if match]
     bare = [match[0] for match in numbers if not match["unit"] and float(match["number"])]
-    if len(numbers) < len(values) or len(bare) in (0, len(values)):
+    if len(numbers) < len(values) or not bare or not any(match["unit"] for match in numbers):
         return values, ""
     *others, last = (match["unit"] for match in numbers)
     if any(others) or not last:

@@ -50,7 +50,8 @@ Ranks = Annotated[int, typer.Option("--ranks", min=1, help="MPI ranks of each ru
 Output = Annotated[
     Path | None,
     _directory(
-        "Directory of all that is written; a folder of results/ named after the case unless given."
+        help="Directory of all that is written; a folder of results/ named after the case "
+        "unless given."
     ),
 ]
 Until = Annotated[
@@ -313,7 +314,7 @@ def report(
 def export(
     directory: Annotated[Path, typer.Argument(help="The results directory.", show_default=False)],
     output: Annotated[
-        Path | None, _directory("Where the files go; export in the results directory.")
+        Path | None, _directory(help="Where the files go; export in the results directory.")
     ] = None,
     at: Annotated[
         str | None,

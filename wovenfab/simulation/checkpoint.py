@@ -21,8 +21,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, Rectangle
+from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
-from wovenfab.model.snapshot import PointValues
 from wovenfab.parallel import from_root, on_root
 from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks

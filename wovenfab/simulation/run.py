@@ -65,7 +65,7 @@ def run(
         probes = Probes(model, gauges) if gauges else None
     rows = HistoryRows(
         [e.name for e in model.effects if not e.dissipative],
-        [e.name for e in model.effects if e.dissipative],
+        [e.name for e in model.effects if e.loses],
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
         probes.columns if probes else (),

@@ -44,10 +44,14 @@ class Scheme:
             steps: Lengths of this step and of those before it, latest first, s. The rate does
                 not look back beyond them: where the velocity jumps there is this one alone.
         """
+        if self.stage == 1:
+            return self.weights_at_end(steps)
+        one = 1 / (self.stage * steps[0])
+        return (one, -one, *(0.0 for _ in range(self.memory - 1)))
+
+    def weights_at_end(self, steps: Sequence[float]) -> tuple[float, ...]:
+        """Return the weights (1/s) in the rate at the end of a step; as :meth:`weights`."""
         used = end_weights(steps[: self.memory])
-        if self.stage < 1:
-            one = 1 / (self.stage * steps[0])
-            used = one, -one
         return (*used, *(0.0 for _ in range(self.memory + 1 - len(used))))
 
 

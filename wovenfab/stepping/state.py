@@ -10,12 +10,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
-from wovenfab.stepping.schemes import Scheme, end_weights, extrapolation
+from wovenfab.stepping.schemes import Scheme, extrapolation
 from wovenfab.stepping.step import StartFailedError
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
 #: What a later step depends on.
-MEMORY = "time", "number", "states", "steps", "at_rest"
+MEMORY, VARIABLES = ("time", "number", "states", "steps", "at_rest"), "variables"
 
 
 class State:
@@ -51,6 +51,9 @@ class State:
         """
         self._solver, self._model = solver, solver.problem.model
         self._program, self._scheme, self._predicts = program, scheme, predict
+        self._memory = self._model.memory
+        if self._memory:
+            self._memory.start(scheme.stage)
         self.initial_guess: Callable[[float], Array | None] = lambda time: None
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
@@ -62,12 +65,15 @@ class State:
         self.states = [self._model.field.x.array.copy() for _ in self.states]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the accepted states and when they were."""
-        return attributes(self, *MEMORY)
+        """Return the accepted states and when they were, and internal variables."""
+        variables = self._memory.snapshot() if self._memory else {}
+        return {**attributes(self, *MEMORY), VARIABLES: variables}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from the states of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
+        if self._memory:
+            self._memory.resume(snapshot[VARIABLES])
         self._model.field.x.array[:] = self.states[0]
 
     def attempt(self, until: float, jump: bool) -> SolveResult:
@@ -83,6 +89,8 @@ class State:
         self._solver.problem.prescribe(start + scheme.stage * (end - start))
         if model.rate_weights:
             self._set_rate(scheme.weights(self.lengths(step, jump)))
+        if self._memory:
+            self._memory.begin(self.states[0], step)
         model.last.x.array[:] = self.states[0]
         self._predict(until, scheme.stage * step, jump)
         return self._solver.solve()
@@ -100,7 +108,7 @@ class State:
             step = until - self.time
             field[:] = self.states[0] + change
             if model.rate_weights:
-                self._set_rate(end_weights(self.lengths(step, jump)[: scheme.order]))
+                self._set_rate(scheme.weights_at_end(self.lengths(step, jump)))
             model.loading.set(self._program.displacement(until))
         return change
 
@@ -112,6 +120,8 @@ class State:
             jump: The velocity jumped at its start.
         """
         self._solver.accept()
+        if self._memory:
+            self._memory.accept()
         self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
         self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
         self.at_rest &= not jump

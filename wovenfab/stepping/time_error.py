@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme, end_weights
 
@@ -123,8 +123,8 @@ class TimeErrorEstimator:
 
     def growth(self, error: StepError) -> float:
         """Return how long the next step may be over this one."""
-        best = float(self._tolerance / max(error.relative, 1e-30)) ** (1.0 / self._scheme.order)
-        return min(self._scheme.growth, max(LEAST, SAFETY * best))
+        share: float = (self._tolerance / max(error.relative, 1e-30)) ** (1 / self._scheme.order)
+        return min(self._scheme.growth, max(LEAST, SAFETY * share))
 
     def _dissipated(self) -> float:
         return sum(self._problem.model.dissipated_power().values())
