@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ufl
@@ -42,13 +43,13 @@ def smoothed_coulomb(rate: Any, strength: Any, slope: Any) -> Any:
 
 def smooth_bound(strength: Callable[[Values], Any]) -> Bound:
     """Return the smooth law from the stress, with a strength zeta and a slope eta of the values."""
+    return Bound(strength, partial(_creep, strength))
 
-    def creep(stress: Any, values: Values) -> Any:
-        """Return the rate artanh(stress/zeta)/eta."""
-        zeta = strength(values)
-        return ufl.ln((zeta + stress) / (zeta - stress)) / (2 * values["slope"])
 
-    return Bound(strength, creep)
+def _creep(strength: Callable[[Values], Any], stress: Any, values: Values) -> Any:
+    """Return the rate artanh(stress/zeta)/eta."""
+    zeta = strength(values)
+    return ufl.ln((zeta + stress) / (zeta - stress)) / (2 * values["slope"])
 
 
 def _strength(values: Values) -> Any:

@@ -79,7 +79,7 @@ def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: Wr
             "sheet.fibres: missing. For example 'fibres: [45 deg, -45 deg]'."]),
         ({"time": {"scheme": "bdf4"}, "titel": ""}, [
             "time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'. "
-            "Did you mean 'bdf2'?", "titel: unknown key. Did you mean 'title'?"]),
+            "Did you mean 'bdf3'?", "titel: unknown key. Did you mean 'title'?"]),
         ({"boundary": {"lft": "clamp"}}, [
             "boundary.lft: unknown edge. Did you mean 'left'? The edges are left, right, bottom, "
             "top.",

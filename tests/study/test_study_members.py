@@ -27,7 +27,7 @@ def length(member: Member) -> float:
 def test_every_combination_is_a_member() -> None:
     members = over("sheet.length=0.6 m,0.9 m,1.2 m", "effects.slip_friction.slope=70,700 s/m")
     assert [m.label for m in members[:2]] == [
-        "length=0.6 m, slope=70",
+        "length=0.6 m, slope=70 s/m",
         "length=0.6 m, slope=700 s/m",
     ]
     assert members[1].name == "length=0.6m,slope=700s_m"

@@ -117,9 +117,9 @@ def test_a_driven_slider_is_as_its_scalar_equations(scheme: str) -> None:
     slips = np.array([s.displacement * STROKE for s in steps])
     slid = lost = power_before = 0.0
     for n in range(1, count + 1):
-        weights = how.weights(period / count, period / count)
+        weights = how.weights(4 * [period / count])
         stage = slips[n - 1] + how.stage * (slips[n] - slips[n - 1])
-        earlier = (stage, slips[n - 1], slips[max(n - 2, 0)])
+        earlier = (stage, slips[n - 1], slips[max(n - 2, 0)], slips[max(n - 3, 0)])
         rate = sum(w * b for w, b in zip(weights, earlier, strict=False))
         friction = strength(slid) * np.tanh(ETA * rate)
         power = friction @ rate * AREA
