@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from wovenfab.simulation.progress import Progress
@@ -44,14 +43,6 @@ def is_launched() -> bool:
 def is_first_rank() -> bool:
     """Return whether this process is the first rank, without loading MPI."""
     return next((os.environ[name] for name in RANKS if name in os.environ), "0") == "0"
-
-
-def was_interrupted(error: BaseException) -> bool:
-    """Return whether Ctrl-C is behind an error: PETSc hands it on as one of its own."""
-    cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, KeyboardInterrupt):
-        cause = cause.__cause__
-    return cause is not None
 
 
 def prepare_streams() -> None:
@@ -130,12 +121,7 @@ class Console:
             self._task = self._bar.add_task("starting", total=1.0, state="")
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the live bar."""
         if self._bar:
             self._bar.stop()

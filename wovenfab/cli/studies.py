@@ -136,7 +136,9 @@ def differentiate(
     """Write and draw the derivatives of a run by its parameters; collective."""
     case = read_case(path, overrides)
     from mpi4py import MPI
+    from pydantic_core import PydanticCustomError
 
+    from wovenfab.case.errors import reason
     from wovenfab.report.study_pictures import draw_sensitivities
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
@@ -147,9 +149,8 @@ def differentiate(
     console = Console()
     try:
         targets = [target_of(name, case) for name in by] or parameters_of(case)
-    except ValueError as error:
-        message, _, remedy = str(error).partition("|")
-        raise CaseError([case.problem("effects", message, remedy)]) from error
+    except PydanticCustomError as error:
+        raise CaseError([case.problem("effects", *reason(error))]) from error
     end = program_of_case(case).milestones[-1].time
 
     def report(step: Step) -> None:

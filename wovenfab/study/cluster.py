@@ -23,7 +23,8 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from uuid import uuid4
 
-from wovenfab.case import Case, parse_document, refusal
+from wovenfab.case import Case, refusal
+from wovenfab.case.document import parse_document
 from wovenfab.record.results import CHECKPOINT, COMMAND, EARLIER_CHECKPOINT, INPUT, write_whole
 from wovenfab.study.runner import Command, Ended, Submit, case_files, goes_on, here, run
 

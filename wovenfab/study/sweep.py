@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
+from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
@@ -42,7 +42,7 @@ class Member:
     @property
     def steps(self) -> int:
         """Number of planned load steps."""
-        return sum(_steps(segment, self.case) for segment in self.case.program)
+        return self.case.planned_steps
 
     @property
     def weight(self) -> float:
@@ -91,16 +91,7 @@ def _member(case: Case, variation: Variation) -> Member:
     return Member(variation.label(), varied, variation)
 
 
-def _steps(segment: Segment, case: Case) -> int:
-    match segment:
-        case Cycles(amplitudes=amplitudes):
-            return len(amplitudes) * case.time.steps_per_cycle
-        case Table(samples=samples):
-            return len(samples.times) - (samples.times[0] == 0)
-    return segment.steps
-
-
-State = Literal["waiting", "unchanged", "finished", "failed"]
+State = Literal["waiting", "running", "unchanged", "finished", "failed"]
 
 
 @dataclass

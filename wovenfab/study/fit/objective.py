@@ -63,10 +63,6 @@ class Trial:
         return self.scale > 1
 
 
-def _ignore(trial: Trial) -> None:
-    """Do nothing."""
-
-
 @dataclass(frozen=True)
 class Evaluation:
     """Residuals of all tests.
@@ -124,7 +120,7 @@ class Objective:
         fit: Fit,
         folder: Path,
         cluster: Cluster = HERE,
-        report: Callable[[Trial], None] = _ignore,
+        report: Callable[[Trial], None] = lambda trial: None,
     ) -> None:
         """Start the processes, if there are several tests or ranks, or reach the cluster.
 
@@ -167,17 +163,21 @@ class Objective:
         raw = ((u, np.exp(q) if u.by_factors else q * np.ptp(u.bounds)) for u, q in pairs)
         return {u.name: float(np.clip(v, *u.bounds)) for u, v in raw}
 
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest scaled parameters."""
+        low, high = (self.scaled({u.name: u.bounds[k] for u in self._fit.unknowns}) for k in (0, 1))
+        return low, high
+
     def slopes(self, values: Mapping[str, float]) -> Array:
         """Return the derivatives of values by scaled parameters."""
         pairs = ((u, values[u.name]) for u in self._fit.unknowns)
         return np.array([v if u.by_factors else np.ptp(u.bounds) for u, v in pairs])
 
     def evaluate(self, values: Mapping[str, float], scale: float = 1.0) -> Evaluation:
-        """Return residuals and derivatives.
+        """Return residuals and derivatives for values (SI units) of the parameters.
 
-        Args:
-            values: Of the parameters, in SI units.
-            scale: Size of cells and steps over those of the cases.
+        ``scale`` is the size of cells and steps over those of the cases.
 
         Raises:
             TrialError: A run did not come to its end.
@@ -198,23 +198,18 @@ class Objective:
         """Return the same, and None where a run failed; a new trial is noted."""
         key = f"{scale} " + " ".join(f"{value:.12e}" for value in values.values())
         if key not in self._evaluated:
-            self._evaluated[key] = self._first_attempt(values, scale)
+            done, failure = None, ""
+            try:
+                done = self.evaluate(values, scale)
+            except TrialError as error:
+                failure = str(error)
+            misfit = done.misfit if done else np.nan
+            seconds = sum(curve.seconds for curve in done.curves) if done else 0.0
+            trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
+            self.trials.append(trial)
+            self._report(trial)
+            self._evaluated[key] = done
         return self._evaluated[key]
-
-    def _first_attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
-        number = len(self.trials) + 1
-        try:
-            done = self.evaluate(values, scale)
-        except TrialError as error:
-            self._note(Trial(number, scale, values, np.nan, 0.0, str(error)))
-            return None
-        seconds = sum(curve.seconds for curve in done.curves)
-        self._note(Trial(number, scale, values, done.misfit, seconds))
-        return done
-
-    def _note(self, trial: Trial) -> None:
-        self.trials.append(trial)
-        self._report(trial)
 
     def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
         fit = self._fit

@@ -164,12 +164,7 @@ class BranchError(Exception):
 
 
 def curve_of_history(displacement: Array, force: Array) -> Curve:
-    """Return the curve of a run that is there already, without derivatives.
-
-    Args:
-        displacement: m, shape (steps,).
-        force: N, shape (steps,).
-    """
+    """Return the curve of a run that is there already, in m and N, without derivatives."""
     return Curve(displacement, force, np.zeros((len(force), 0)), _turns(displacement), 0.0)
 
 
@@ -182,12 +177,8 @@ def compared(
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
-    Args:
-        measured: The measured curve.
-        curve: The computed one.
-        unknowns: The parameters.
-        values: By their names, in SI units.
-        toe: Displacement (m) below which points are left out.
+    ``values`` are those of the parameters by name (SI units); points below the ``toe`` (m) are
+    left out.
 
     Raises:
         BranchError: The curves do not belong to each other.
