@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from tests.study.test_fit import place
-from tests.study.test_study_sweep import CASE, command, processes
+from tests.study.test_study_sweep import CASE, processes
 from wovenfab.case import CaseError
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import read_summary
@@ -116,7 +116,8 @@ def test_nothing_goes_on_when_the_command_is_killed(
     (tmp_path / "case.yaml").write_text(LONG)
     arguments = ("case.yaml", "-o", "out", "--over", "program.steps=2000,2001")
     for options in (("--cluster", dask[0]), ("-j", "2")):
-        running = subprocess.Popen(command(*arguments, *options), cwd=tmp_path)
+        sweeping = [sys.executable, "-m", "wovenfab", "sweep", *arguments, *options]
+        running = subprocess.Popen(sweeping, cwd=tmp_path)
         until = time.monotonic() + 120
         histories = [tmp_path / "out" / f"steps={n}" / "history.csv" for n in (2000, 2001)]
         while time.monotonic() < until and not all(h.exists() for h in histories):
