@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from forms import effects
 from forms.effect import Needs
-from wovenfab.case import Case, acting, read_case
+from wovenfab.case import Case, Rectangle, acting, read_case
 from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import memory
 
@@ -38,9 +38,19 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
     steps = len(program_of_case(case).milestones) - 1
     unknowns = count_unknowns(case, sheet)
     require_memory(case, unknowns, MPI.COMM_WORLD)
-    for line in describe(case, unknowns, steps):
+    for line in (*edges_of(case), *describe(case, unknowns, steps)):
         console.say(line)
     return 0
+
+
+def edges_of(case: Case) -> list[str]:
+    """Return in words the edges of a geometry from a file, with their lengths and places."""
+    if isinstance(case.sheet, Rectangle):
+        return []
+    from wovenfab.sheet.geometry_file import edge_lines, read_geometry
+    from wovenfab.simulation.from_case import geometry_of
+
+    return edge_lines(read_geometry(geometry_of(case.sheet), follow_curves=True).curves)
 
 
 def count_unknowns(case: Case, sheet: Sheet) -> int:
