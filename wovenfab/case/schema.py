@@ -85,7 +85,7 @@ def _parameter(value: Any) -> float | str:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise wrong(f"expected a number or a length, got {describe(value)}")
     _in_file(value, 1.0)
-    return value
+    return value if isinstance(value, str) else float(value)
 
 
 def _in_file(value: float | str, unit: float) -> float:

@@ -156,7 +156,8 @@ def outline_from_file(
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         return geometry.outline, mesh_size or float(sides.max())
 
-    return comm.bcast(from_root(comm, read, None))
+    found: tuple[Outline, float] = comm.bcast(from_root(comm, read, None))
+    return found
 
 
 def read_geometry(
@@ -294,14 +295,14 @@ def _geometry(gmsh: Any, file: GeometryFile, lacking: list[tuple[str, ...]]) -> 
     points, triangles = places[used, :2], numbers.reshape(-1, 3)
     fresh = np.full(len(places), -1)
     fresh[used] = np.arange(len(used))
-    sides = {frozenset(side) for side in free_sides(points, triangles).tolist()}
+    sides = {frozenset(map(int, side)) for side in free_sides(points, triangles)}
     curves, names, segments = [], _names(gmsh, file), dict[str, list[Triangles]]()
     for _, number in gmsh.model.getEntities(1):
         pairs = cells_of(gmsh, 1, number, rows)
         ends, name = places[pairs, :2], names.get(number)
         if len(pairs):
             length = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
-            outside = all(frozenset(side) in sides for side in fresh[pairs].tolist())
+            outside = all(frozenset(map(int, side)) in sides for side in fresh[pairs])
             box = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
             curves.append(Curve(number, name, length, *box, outside))
             if outside and name is not None:
@@ -340,15 +341,15 @@ def _require_edges(
 ) -> None:
     """Refuse names of what is not there or not on the outline, and a sheet without names."""
     has = f"the outline has {_listed(c for c in curves if c.outside)}"
-    for kind, number, group in lacking:
+    for kind, tag, group in lacking:
         name = gmsh.model.getPhysicalName(1 if kind == "curve" else 2, int(group))
         place = line_of(file.path, re.compile(rf"Physical\s+\w+\s*\(\s*\"{re.escape(name)}\""))
         text = (
-            f"Physical {kind.title()}({name!r}) {place} names {kind} {number}, which is not there"
+            f"Physical {kind.title()}({name!r}) {place} names {kind} {tag}, which is not there"
         )
         if boolean := line_of(file.path, BOOLEANS):
             text += f": the Boolean operation {boolean} numbers what it makes anew"
-        surfaces = ", ".join(str(tag) for _, tag in gmsh.model.getEntities(2))
+        surfaces = ", ".join(str(surface) for _, surface in gmsh.model.getEntities(2))
         raise GeometryError(f"{text}; {has if kind == 'curve' else f'surfaces are {surfaces}'}")
     known = {curve.number: curve for curve in curves}
     for name, numbers in file.edges.items():

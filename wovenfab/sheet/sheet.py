@@ -118,7 +118,7 @@ def outline_of(
         GeometryError: The mesh is not one sheet.
     """
     names = {frozenset(map(int, pair)): name for name, pairs in named.items() for pair in pairs}
-    following = dict(free_sides(points, triangles).tolist())
+    following = {int(a): int(b) for a, b in free_sides(points, triangles)}
     rings = []
     while following:
         start = min(following)
@@ -159,7 +159,7 @@ def free_sides(points: Array, triangles: Triangles) -> NDArray[np.int64]:
     turned = np.where((cross > 0)[:, None], triangles, triangles[:, ::-1])
     sides = np.concatenate([turned[:, [i, (i + 1) % 3]] for i in range(3)])
     ahead, back = (sides[:, [i, 1 - i]] @ [len(points), 1] for i in (0, 1))
-    free = sides[~np.isin(ahead, back)]
+    free: Triangles = sides[~np.isin(ahead, back)]
     starts, counts = np.unique(free[:, 0], return_counts=True)
     if len(np.unique(ahead)) < len(ahead) or counts.max() > 1:
         number = starts[counts.argmax()]
@@ -287,7 +287,8 @@ def rectangle(
 
 def triangle_mesh(comm: MPI.Comm, build: Callable[[], tuple[Array, Triangles]]) -> Mesh:
     """Return the mesh of the vertices and cells that ``build`` makes on rank 0; collective."""
-    points, cells = from_root(comm, build, (np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)))
+    none: tuple[Array, Triangles] = np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)
+    points, cells = from_root(comm, build, none)
     shape = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
     return create_mesh(comm, cells=cells, x=points, e=shape, partitioner=cell_partitioner())
 
