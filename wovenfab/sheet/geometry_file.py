@@ -344,9 +344,7 @@ def _require_edges(
     for kind, tag, group in lacking:
         name = gmsh.model.getPhysicalName(1 if kind == "curve" else 2, int(group))
         place = line_of(file.path, re.compile(rf"Physical\s+\w+\s*\(\s*\"{re.escape(name)}\""))
-        text = (
-            f"Physical {kind.title()}({name!r}) {place} names {kind} {tag}, which is not there"
-        )
+        text = f"Physical {kind.title()}({name!r}) {place} names {kind} {tag}, which is not there"
         if boolean := line_of(file.path, BOOLEANS):
             text += f": the Boolean operation {boolean} numbers what it makes anew"
         surfaces = ", ".join(str(surface) for _, surface in gmsh.model.getEntities(2))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from math import cos, pi
 
 import numpy as np
@@ -66,20 +67,22 @@ class Program:
         """Return the displacement (m) at a time (s); the end value beyond the end."""
         if time in self._planned:  # bit for bit, which t - start could miss
             return self._planned[time]
-        start = 0.0
-        for s in self._stretches:
-            if time <= start + s.duration:
-                return s.path(time - start)
-            start += s.duration
-        return self.milestones[-1].displacement
+        number = bisect_left(self._ends, time)
+        if number == len(self._ends):
+            return self.milestones[-1].displacement
+        return self._stretches[number].path(time - (self._ends[number - 1] if number else 0.0))
+
+    @cached_property
+    def _ends(self) -> list[float]:
+        return list(accumulate(s.duration for s in self._stretches))
 
     @property
     def cycles(self) -> list[tuple[float, float]]:
         """Start and end (s) of each load cycle; other segments belong to none."""
         found, begun, time = [], 0.0, 0.0
-        for s in self._stretches:
+        for s, end in zip(self._stretches, self._ends, strict=True):
             begun = time if s.starts_cycle else begun
-            time += s.duration
+            time = end
             if s.ends_cycle:
                 found.append((begun, time))
         return found
@@ -129,10 +132,8 @@ def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Segm
         return lambda t: base + amplitude / 2 * (1 - cos(2 * pi * (t + offset) / period))
 
     half = period / 2
-    return [
-        Segment(half, steps // 2, path(0.0), jump=False, starts_cycle=True),
-        Segment(half, steps // 2, path(half), jump=False, ends_cycle=True),
-    ]
+    halves = (Segment(half, steps // 2, path(since), jump=False) for since in (0.0, half))
+    return load_cycle(list(halves))
 
 
 def ramp(start: float, end: float, duration: float, steps: int) -> Segment:
@@ -144,11 +145,22 @@ def ramp(start: float, end: float, duration: float, steps: int) -> Segment:
     return Segment(duration, steps, path, jump=True)
 
 
-def table(start: float, times: Sequence[float], displacements: Sequence[float]) -> list[Segment]:
+def table(
+    start: float,
+    times: Sequence[float],
+    displacements: Sequence[float],
+    divisions: Sequence[int] = (),
+) -> list[Segment]:
     """Return one stretch a row of a table, linear in between, beginning at ``start`` (m).
 
     The velocity counts as jumping where it changes by more than half of the larger
     of its values, as at a corner; not from row to row of a sampled smooth curve.
+
+    Args:
+        start: Displacement where it begins, m.
+        times: Of the rows, s.
+        displacements: Of the rows, m.
+        divisions: Number of steps to each row from the one before or the start; one unless given.
     """
     if times[0] > 0:
         times, displacements = (0.0, *times), (start, *displacements)
@@ -157,6 +169,15 @@ def table(start: float, times: Sequence[float], displacements: Sequence[float]) 
     jumps = np.abs(velocity - before) > 0.5 * np.maximum(np.abs(velocity), np.abs(before))
     rows = pairwise(zip(times, displacements, strict=True))
     return [
-        replace(ramp(d0, d1, t1 - t0, 1), jump=bool(jump))
-        for ((t0, d0), (t1, d1)), jump in zip(rows, jumps, strict=True)
+        replace(ramp(d0, d1, t1 - t0, steps), jump=bool(jump))
+        for ((t0, d0), (t1, d1)), jump, steps in zip(
+            rows, jumps, divisions or (1,) * len(jumps), strict=True
+        )
     ]
+
+
+def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
+    """Return stretches that together are a load cycle."""
+    first, *others = stretches
+    *between, last = others
+    return [replace(first, starts_cycle=True), *between, replace(last, ends_cycle=True)]

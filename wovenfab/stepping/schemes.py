@@ -21,34 +21,56 @@ class Scheme:
         order: Order of accuracy.
         stage: Where in the step equilibrium holds: 1 at its end, 1/2 in the middle.
         memory: Number of earlier states that the rates use.
+        growth: Largest ratio of a step to the last one where steps adapt. BDF is zero-stable
+            below 1 + sqrt(2) and 1.534 for orders 2 and 3 (Calvo, Grande and Grigorieff 1990,
+            doi:10.1007/BF01386434).
     """
 
     name: str
     order: int
     stage: float
     memory: int
+    growth: float = 2.0
 
-    def weights(self, step: float, before: float | None) -> tuple[float, ...]:
+    @property
+    def measures_error(self) -> bool:
+        """Whether the error of a step can be measured, by a rate of one order more."""
+        return self.stage == 1 and self.order > 1
+
+    def weights(self, steps: Sequence[float]) -> tuple[float, ...]:
         """Return the weights (1/s) of the stage state and the earlier states in a rate.
 
         Args:
-            step: Length of this step, s.
-            before: Length of the last step, s; None where the motion starts or its
-                velocity jumps, so that the rate must not look back.
+            steps: Lengths of this step and of those before it, latest first, s. The rate does
+                not look back beyond them: where the velocity jumps there is this one alone.
         """
-        if self.stage < 1 or self.memory == 1 or before is None:
-            one = 1 / (self.stage * step)
-            return (one, -one, *(0.0 for _ in range(self.memory - 1)))
-        return end_weights(step, before)
+        if self.stage == 1:
+            return self.weights_at_end(steps)
+        one = 1 / (self.stage * steps[0])
+        return (one, -one, *(0.0 for _ in range(self.memory - 1)))
+
+    def weights_at_end(self, steps: Sequence[float]) -> tuple[float, ...]:
+        """Return the weights (1/s) in the rate at the end of a step; as :meth:`weights`."""
+        used = end_weights(steps[: self.memory])
+        return (*used, *(0.0 for _ in range(self.memory + 1 - len(used))))
 
 
-def end_weights(step: float, before: float) -> tuple[float, float, float]:
-    """Return the weights (1/s) of the three-point rate at the end of a step.
+def end_weights(steps: Sequence[float]) -> tuple[float, ...]:
+    """Return the weights (1/s) of the states in the rate at the end of a step.
 
-    Second order for unequal steps (variable-step BDF2).
+    The rate is that of the polynomial through the state there and the earlier ones: BDF for
+    steps of unequal length, of as many orders as there are steps.
+
+    Args:
+        steps: Lengths of this step and of those before it, latest first, s.
     """
-    r = step / before
-    return (1 + 2 * r) / (1 + r) / step, -(1 + r) / step, r * r / (1 + r) / step
+    ages = np.cumsum(steps)
+    others = [np.delete(ages, j) for j in range(len(ages))]
+    weights = [
+        -float(np.prod(other / (other - age)) / age)
+        for age, other in zip(ages, others, strict=True)
+    ]
+    return (-sum(weights), *weights)
 
 
 SCHEMES = {
@@ -56,6 +78,7 @@ SCHEMES = {
     for s in (
         Scheme("backward-euler", order=1, stage=1.0, memory=1),
         Scheme("bdf2", order=2, stage=1.0, memory=2),
+        Scheme("bdf3", order=3, stage=1.0, memory=3, growth=1.5),
         Scheme("midpoint", order=2, stage=0.5, memory=2),
     )
 }

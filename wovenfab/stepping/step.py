@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import ceil, inf
 from typing import TYPE_CHECKING, Any
 
-from wovenfab.model.snapshot import attributes, take_attributes
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Milestone
 from wovenfab.stepping.stability import StabilityLoss

@@ -1,30 +1,29 @@
 """The embedded error estimate of a step in time: what rates of one order more would change.
 
-The rate of BDF2 differs from that of the cubic through one state more by
-``h (h + a) / 6`` times the third divided derivative, where ``h`` is this step and ``a`` the
-last. The dissipated power and the forces are evaluated with both (Hairer, Norsett and Wanner,
-Solving Ordinary Differential Equations I, III.5, for the error of formulas of variable step).
+The dissipated power and the forces are evaluated with the rate of the scheme and with that of
+the polynomial through one state more (Hairer, Norsett and Wanner, Solving Ordinary
+Differential Equations I, III.5, for the error of formulas of variable step).
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.stepping.schemes import Scheme, end_weights
 
 Array = NDArray[np.float64]
 #: A step with this many times the allowed error is repeated with a shorter length.
 REPEAT_FROM = 1.5
-#: Safety factor of the next length, and its least and largest ratio to the last one.
-SAFETY, LEAST, MOST = 0.85, 0.3, 2.0
+#: Safety factor of the next length, and its least ratio to the last one.
+SAFETY, LEAST = 0.85, 0.3
 
 
 @dataclass(frozen=True)
@@ -42,33 +41,31 @@ class StepError:
     relative: float
 
 
-def rate_error(now: Array, states: Sequence[Array], steps: Sequence[float], step: float) -> Array:
-    """Return by how much the rate of a step is too small, m/s.
+def rate_error(now: Array, states: Sequence[Array], steps: Sequence[float]) -> Array:
+    """Return by how much the rate of a step by BDF is too small, m/s.
 
     Args:
         now: State at its end, m.
-        states: Three earlier states, latest first.
-        steps: Times between those, s.
-        step: Length of the step, s.
+        states: Earlier states, one more than the order, latest first.
+        steps: Lengths of the step and of those between these states, latest first, s.
     """
-    a, b = steps[:2]
-    slope = (states[0] - states[1]) / a
-    bend = ((now - states[0]) / step - slope) / (step + a)
-    earlier = (slope - (states[1] - states[2]) / b) / (a + b)
-    return np.asarray(step * (step + a) * (bend - earlier) / (step + a + b))
+    better, own = end_weights(steps), end_weights(steps[:-1])
+    lacks = (more - less for more, less in zip(better, (*own, 0.0), strict=True))
+    return np.asarray(sum(w * s for w, s in zip(lacks, (now, *states), strict=False)))
 
 
 class TimeErrorEstimator:
     """Measures the error of steps and says how long the next may be."""
 
-    def __init__(self, solver: EquilibriumSolver, tolerance: float) -> None:
+    def __init__(self, solver: EquilibriumSolver, scheme: Scheme, tolerance: float) -> None:
         """Start before the first step.
 
         Args:
-            solver: Solver of the problem, whose rates use two earlier states.
+            solver: Solver of the problem.
+            scheme: A scheme that measures errors.
             tolerance: Allowed error of power and force, each over its largest size so far.
         """
-        self._problem, self._tolerance = solver.problem, tolerance
+        self._problem, self._scheme, self._tolerance = solver.problem, scheme, tolerance
         self._power = self._force = 0.0
 
     def snapshot(self) -> dict[str, Any]:
@@ -85,20 +82,23 @@ class TimeErrorEstimator:
         Args:
             jump: The velocity jumps, so that their rates are of first order alone.
         """
-        return min(1.0, self._tolerance if jump else sqrt(self._tolerance))
+        return min(1.0, self._tolerance if jump else self._tolerance**0.5)
 
-    def measure(
-        self, states: Sequence[Array], steps: Sequence[float], step: float, weights: Sequence[float]
-    ) -> StepError:
+    def measure(self, states: Sequence[Array], steps: Sequence[float]) -> StepError | None:
         """Return the error of the step that has just been solved; collective.
 
+        None where the velocity jumped too short a time ago.
+
         Args:
-            states: Three earlier states, latest first, m.
-            steps: Times between those, s.
-            step: Length of the step, s.
-            weights: Weights of the states in its rates, 1/s.
+            states: Earlier states, latest first, m.
+            steps: Lengths of the step and of those between these states since the velocity last
+                jumped, latest first, s.
         """
-        lack = rate_error(self._problem.model.field.x.array, states, steps, step)
+        used = self._scheme.order + 1
+        if len(steps) < used:
+            return None
+        lack = rate_error(self._problem.model.field.x.array, states, steps[:used])
+        weights = self._scheme.weights(steps)
         problem, earlier = self._problem, self._problem.model.history[0]
         reactions, power = problem.reactions(), self._dissipated()
         with preserved(earlier):
@@ -122,9 +122,9 @@ class TimeErrorEstimator:
         return error.relative > REPEAT_FROM * self._tolerance
 
     def growth(self, error: StepError) -> float:
-        """Return how long the next step may be over this one; errors are of second order."""
-        best = SAFETY * sqrt(self._tolerance / max(error.relative, 1e-30))
-        return min(MOST, max(LEAST, best))
+        """Return how long the next step may be over this one."""
+        share: float = (self._tolerance / max(error.relative, 1e-30)) ** (1 / self._scheme.order)
+        return min(self._scheme.growth, max(LEAST, SAFETY * share))
 
     def _dissipated(self) -> float:
         return sum(self._problem.model.dissipated_power().values())
