@@ -36,7 +36,8 @@ from wovenfab.case.quantities import (
     Size,
 )
 
-GEOMETRIES = (".geo", ".msh", ".step", ".stp")
+STEP = (".step", ".stp")
+GEOMETRIES = (".geo", ".msh", *STEP)
 #: Smallest |sin| of the angle between the families.
 LEAST_CROSSING = 1e-3
 
@@ -84,19 +85,10 @@ def _unit(value: Any) -> str:
 
 
 def _parameter(value: Any) -> float | str:
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise wrong(f"expected a number or a length, got {describe(value)}")
-    _in_file(value, 1.0)
-    return value if isinstance(value, str) else float(value)
-
-
-def _in_file(value: float | str, unit: float) -> float:
-    """Return a parameter in the units of its file: lengths by ``unit`` (m), angles in rad."""
-    if not isinstance(value, str):
-        return value
-    for kind, size in (("", 1.0), ("m", unit), ("rad", 1.0)):
-        with suppress(ValueError):
-            return units.parse(value, kind) / size
+    with suppress(ValueError):
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            number = units.parse_in(value, 1.0)
+            return value if isinstance(value, str) else float(number)
     remedy = "A number is passed to the file as it is."
     raise wrong(f"expected a number, a length or an angle, got {describe(value)}", remedy)
 
@@ -129,30 +121,23 @@ class SheetFile(Section):
     """Reference directions of family 1 and 2, as angles from the x axis."""
 
     @property
-    def is_step(self) -> bool:
-        """Whether the file states its unit, which gmsh converts to millimetres."""
-        return self.file.suffix.lower() in (".step", ".stp")
-
-    @property
     def length_unit(self) -> float:
-        """Length of the unit in which gmsh reads the file, m."""
-        return units.parse(f"1 {self.unit or ('mm' if self.is_step else 'm')}", "m")
+        """Length of the unit in which gmsh reads the file, m; a .step file is read in mm."""
+        own = "mm" if self.file.suffix.lower() in STEP else "m"
+        return units.parse(f"1 {self.unit or own}", "m")
 
     @property
     def file_parameters(self) -> dict[str, float]:
         """The parameters in the units of the file."""
         given = self.parameters or {}
-        return {name: _in_file(value, self.length_unit) for name, value in given.items()}
+        return {name: units.parse_in(value, self.length_unit) for name, value in given.items()}
 
     @model_validator(mode="after")
     def _fits_the_file(self) -> SheetFile:
-        if self.is_step and self.unit not in (None, "mm", "m"):
-            raise wrong(
-                f"a .step file states its unit, and gmsh converts it to mm: {self.unit!r} would "
-                "be wrong",
-                "Leave 'unit' out.",
-            )
-        if self.parameters and self.file.suffix != ".geo":
+        if self.file.suffix.lower() in STEP and self.unit not in (None, "mm"):
+            what = f"a .step file states its unit: {self.unit!r} would be wrong"
+            raise wrong(what, "Leave 'unit' out.")
+        if self.parameters and self.file.suffix.lower() != ".geo":
             raise wrong(f"{self.file.name} has no parameters", "A .geo file may have some.")
         return self
 
