@@ -137,7 +137,7 @@ def from_file(
 
 
 def outline_from_file(
-    comm: MPI.Comm, file: GeometryFile, mesh_size: float | None
+    comm: MPI.Comm, file: GeometryFile, mesh_size: float | None, coarse: bool = False
 ) -> tuple[Outline, float]:
     """Return the outline of a gmsh geometry, and the size of cells it asks for (m); collective.
 
@@ -145,13 +145,14 @@ def outline_from_file(
         comm: Communicator.
         file: A geometry.
         mesh_size: Largest cell size, m; None keeps what the file says.
+        coarse: Whether the outline is enough and gmsh need not make cells of that size.
 
     Raises:
         GeometryError: As from :func:`read_geometry`, on every rank.
     """
 
     def read() -> tuple[Outline, float]:
-        geometry = read_geometry(file, mesh_size, follow_curves=True)
+        geometry = read_geometry(file, mesh_size, follow_curves=True, coarse=coarse)
         corners = geometry.points[geometry.triangles]
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         return geometry.outline, mesh_size or float(sides.max())
@@ -161,7 +162,10 @@ def outline_from_file(
 
 
 def read_geometry(
-    file: GeometryFile, mesh_size: float | None = None, follow_curves: bool = False
+    file: GeometryFile,
+    mesh_size: float | None = None,
+    follow_curves: bool = False,
+    coarse: bool = False,
 ) -> Geometry:
     """Return what is in a file, meshed by gmsh.
 
@@ -170,6 +174,7 @@ def read_geometry(
         mesh_size: Largest cell size, m; None keeps what the file says.
         follow_curves: Whether curves are divided finely enough for their shape, whatever the
             size of the cells.
+        coarse: Whether ``mesh_size`` is compared with the size of the sheet alone.
 
     Raises:
         GeometryError: gmsh cannot read the file; it does more than describe a sheet; it is no
@@ -184,7 +189,8 @@ def read_geometry(
                 _follow_curves(gmsh)
             if mesh_size is not None:
                 _require_few(gmsh, file, mesh_size)
-                gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size / file.unit)
+                if not coarse:
+                    gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size / file.unit)
             if not gmsh.model.mesh.getNodes()[0].size:
                 gmsh.model.mesh.generate(2)
             return _geometry(gmsh, file, lacking)

@@ -167,11 +167,11 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         from wovenfab.sheet.geometry_file import outline_from_file
 
         try:
-            outline, own = outline_from_file(comm, geometry_of(case.sheet), None)
+            outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
         except GeometryError as error:
             raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
-        area, size = outline.polygon.area, size or own
+        area = outline.polygon.area
     assert size is not None
     nodes = 4 * area / size**2 * case.discretisation.degree**2 / 2
     return round(2 * nodes * case.needs.placements)
