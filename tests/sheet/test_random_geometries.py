@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from tests.outlines import HOLDS, aligned, edge_lengths
 from wovenfab.compat import corners_of
 from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file
-from wovenfab.sheet.sheet import GeometryError
 
 OCC = 'SetFactory("OpenCASCADE");\n'
 NAMED = 'Physical Surface("s") = {{{}}};\nPhysical Curve("left") = {{{}}};\n'
@@ -126,21 +125,14 @@ KINDS: tuple[Callable[[Generator], str], ...] = (
 
 
 @pytest.mark.parametrize("seed", range(50))
-def test_a_random_geometry_is_meshed_with_its_area_and_edges_or_refused_in_words(
-    seed: int, tmp_path: Path
-) -> None:
+def test_a_random_geometry_is_meshed_with_its_area_and_edges(seed: int, tmp_path: Path) -> None:
     g = np.random.default_rng(seed)
     path = tmp_path / "sheet.geo"
     path.write_text(KINDS[seed % len(KINDS)](g))
     first = g.choice([45.0, 0.0, 30.0, g.uniform(0, 180)])
     angles = (first, first + g.choice([90.0, g.uniform(40, 140)]))
     size = [None, 0.03, 0.1, 0.3][int(g.integers(4))]
-    try:
-        outline, size = outline_from_file(MPI.COMM_SELF, GeometryFile(path), size)
-    except GeometryError as error:  # holes that cut the sheet, splines that cross
-        assert "sheet.geo: " in str(error)
-        assert "cross" in str(error) or "pieces" in str(error)
-        return
+    outline, size = outline_from_file(MPI.COMM_SELF, GeometryFile(path), size)
     on = aligned(outline, angles, size, steep=bool(seed % 2))
     corners = on.mesh.geometry.x[corners_of(on.mesh)][..., :2]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
