@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping, Sequence
 
+from benchmarks.accuracy_cost import accuracy_cost
 from benchmarks.assembly import assembly
 from benchmarks.checkpoints import checkpoints
 from benchmarks.cold_start import cold_start
@@ -19,6 +20,7 @@ SECTIONS: Mapping[str, Section] = {
     "cold-start": cold_start,
     "effects": cost_of_effects,
     "default": default,
+    "accuracy": accuracy_cost,
     "checkpoints": checkpoints,
     "gradients": gradients,
     "assembly": assembly,

@@ -37,29 +37,6 @@ def corners_of(mesh: Any) -> NDArray[np.int32]:
     return corners
 
 
-def mesh_from_gmsh(model: Any, comm: MPI.Comm, rank: int = 0) -> tuple[Any, Any, dict[str, int]]:
-    """Return mesh, facet tags and tag numbers by physical name from a gmsh model.
-
-    Args:
-        model: The gmsh model, on ``rank`` only.
-        comm: Communicator of the mesh.
-        rank: The rank that holds the model.
-    """
-    partitioner = cell_partitioner()
-    names: dict[str, int] = {}
-    if comm.rank == rank:
-        model.mesh.renumberNodes()  # dolfinx takes for granted that they have no gaps
-        names = {model.getPhysicalName(1, tag): tag for _, tag in model.getPhysicalGroups(1)}
-    names = comm.bcast(names, root=rank)
-    if hasattr(dolfinx.io, "gmshio"):
-        mesh, _, facets = dolfinx.io.gmshio.model_to_mesh(
-            model, comm, rank, gdim=2, partitioner=partitioner
-        )
-        return mesh, facets, names
-    data = dolfinx.io.gmsh.model_to_mesh(model, comm, rank, gdim=2, partitioner=partitioner)
-    return data.mesh, data.facet_tags, names
-
-
 def index_map_of(
     comm: MPI.Comm, size: int, ghosts: NDArray[np.int64], owners: NDArray[np.int32]
 ) -> Any:

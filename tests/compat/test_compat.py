@@ -8,17 +8,17 @@ from collections import defaultdict
 from pathlib import Path
 
 import basix.ufl
-import gmsh
 import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
-from dolfinx.mesh import Mesh, exterior_facet_indices
+from dolfinx.mesh import exterior_facet_indices
 from mpi4py import MPI
 
 from wovenfab import compat
 from wovenfab.case import read_case
 from wovenfab.record.history import read_history
+from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.simulation.from_case import sheet_of
 
 CASE = Path(__file__).parent / "case.yaml"
@@ -28,28 +28,10 @@ on_ranks = pytest.mark.parametrize(
 )
 
 
-def square() -> tuple[Mesh, np.ndarray, dict[str, int]]:
-    """Return a square of triangles from gmsh, its facets' tags and the tags' names."""
-    if WORLD.rank == 0:
-        gmsh.initialize(interruptible=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        surface = gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(2, [surface], 1, "sheet")
-        gmsh.model.addPhysicalGroup(1, [4], 7, "left")
-        gmsh.option.setNumber("Mesh.MeshSizeMax", 0.2)
-        gmsh.model.mesh.generate(2)
-    mesh, facets, names = compat.mesh_from_gmsh(gmsh.model, WORLD)
-    if WORLD.rank == 0:
-        gmsh.finalize()
-    return mesh, facets, names
-
-
 @on_ranks
 def test_a_gmsh_mesh_has_its_named_edge_and_both_cells_of_each_facet(ranks: int) -> None:
-    mesh, facets, names = square()
-    assert names == {"left": 7}
-    left = ufl.ds(domain=mesh, subdomain_data=facets, subdomain_id=7)
+    mesh, facets, names = graded_rectangle(WORLD, 1.0, 1.0, 0.2, None)
+    left = ufl.ds(domain=mesh, subdomain_data=facets, subdomain_id=names["left"])
     length = fem.assemble_scalar(fem.form(fem.Constant(mesh, 1.0) * left))
     assert WORLD.allreduce(length) == pytest.approx(1)
     mesh.topology.create_connectivity(1, 2)
@@ -72,7 +54,7 @@ def test_an_index_map_numbers_over_the_ranks(ranks: int) -> None:
 
 @on_ranks
 def test_the_columns_of_a_pattern_reach_all_that_cells_couple(ranks: int) -> None:
-    mesh, _, _ = square()
+    mesh, _, _ = graded_rectangle(WORLD, 1.0, 1.0, 0.2, None)
     space = fem.functionspace(mesh, ("Lagrange", 1))
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     pattern = fem.create_sparsity_pattern(fem.form(u * v * ufl.dx))
@@ -92,7 +74,7 @@ def test_the_columns_of_a_pattern_reach_all_that_cells_couple(ranks: int) -> Non
 
 @on_ranks
 def test_a_space_takes_a_dof_map_of_ones_own(ranks: int) -> None:
-    mesh, _, _ = square()
+    mesh, _, _ = graded_rectangle(WORLD, 1.0, 1.0, 0.2, None)
     element = basix.ufl.element("Lagrange", "triangle", 1, shape=(2,))
     usual = fem.functionspace(mesh, element)
     numbers, cells = usual.dofmap.index_map, np.ascontiguousarray(usual.dofmap.list)

@@ -18,7 +18,8 @@ from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.compat import NOT_FINITE
 from wovenfab.model.model import Model, Numerics
-from wovenfab.sheet.gmsh_io import from_file, graded_rectangle
+from wovenfab.sheet.geometry_file import GeometryFile, from_file
+from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
@@ -40,7 +41,9 @@ def structured(comm: MPI.Comm) -> Sheet:
 
 
 def dogbone(comm: MPI.Comm) -> Sheet:
-    return Sheet(*from_file(comm, MESHES / "dogbone.geo", 0.06), directions(scenes.BIAS))
+    return Sheet(
+        *from_file(comm, GeometryFile(MESHES / "dogbone.geo"), 0.06), directions(scenes.BIAS)
+    )
 
 
 def graded(comm: MPI.Comm) -> Sheet:
@@ -229,7 +232,7 @@ def test_the_step_limit_is_that_of_the_worst_rank() -> None:
 def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(tmp_path: Path) -> None:
     path = COMM.bcast(tmp_path / "missing.geo")
     with pytest.raises(GeometryError, match=r"missing\.geo"):
-        from_file(COMM, path, None)
+        from_file(COMM, GeometryFile(path), None)
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:

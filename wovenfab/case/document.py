@@ -63,7 +63,7 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
     folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
         raise wrong(f"expected the name of a file, got {describe(value)}")
-    if suffixes and Path(value).suffix not in suffixes:
+    if suffixes and Path(value).suffix.lower() not in suffixes:
         raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
     with suppress(OSError, ValueError):  # such as a name that is too long
         path = (folder / value).resolve()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -19,6 +20,7 @@ from pydantic import (
 )
 
 from forms.effect import Needs
+from wovenfab.case import units
 from wovenfab.case.document import existing_file, folder_of
 from wovenfab.case.errors import describe, wrong
 from wovenfab.case.quantities import (
@@ -28,12 +30,14 @@ from wovenfab.case.quantities import (
     Extent,
     Interval,
     Length,
+    OneOr,
     Quantity,
     Section,
     Size,
 )
 
-GEOMETRIES = (".geo", ".msh")
+STEP = (".step", ".stp")
+GEOMETRIES = (".geo", ".msh", *STEP)
 #: Smallest |sin| of the angle between the families.
 LEAST_CROSSING = 1e-3
 
@@ -72,16 +76,70 @@ def _geometry(value: Any, info: ValidationInfo) -> Path:
     return existing_file(value, folder_of(info), GEOMETRIES)
 
 
+def _unit(value: Any) -> str:
+    try:
+        units.parse(f"1 {value}", "m")
+    except ValueError as error:
+        raise wrong(f"expected a unit of length such as 'mm', got {describe(value)}") from error
+    return str(value)
+
+
+def _parameter(value: Any) -> float | str:
+    with suppress(ValueError):
+        if isinstance(value, int | float | str) and not isinstance(value, bool):
+            number = units.parse_in(value, 1.0)
+            return value if isinstance(value, str) else float(number)
+    remedy = "A number is passed to the file as it is."
+    raise wrong(f"expected a number, a length or an angle, got {describe(value)}", remedy)
+
+
 class SheetFile(Section):
     """Any shape, from a gmsh file whose physical groups name the edges."""
 
     file: Annotated[
         Path, BeforeValidator(_geometry, json_schema_input_type=str), PlainSerializer(str)
     ] = Field(examples=["meshes/dogbone.geo"])
-    """Geometry (.geo) or mesh (.msh), relative to the case file, in metres."""
+    """Geometry (.geo, .step) or mesh (.msh), relative to the case file."""
+
+    unit: Annotated[str, BeforeValidator(_unit, json_schema_input_type=str)] | None = Field(
+        default=None, examples=["mm"]
+    )
+    """Unit of the lengths in the file; metres unless given. A .step file states its own."""
+
+    parameters: Mapping[str, Annotated[float | str, BeforeValidator(_parameter)]] | None = Field(
+        default=None, examples=[{"radius": "20 mm"}]
+    )
+    """Values for constants that the file defines by DefineConstant. A text with a unit is
+    converted to the unit of the file, a number is passed as it is."""
+
+    edges: Mapping[str, Annotated[tuple[AtLeastOne, ...], Field(min_length=1), OneOr()]] | None = (
+        Field(default=None, examples=[{"left": 3, "right": [1, 2]}])
+    )
+    """Edges by the numbers of their curves, in addition to those that the file names."""
 
     fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
     """Reference directions of family 1 and 2, as angles from the x axis."""
+
+    @property
+    def length_unit(self) -> float:
+        """Length of the unit in which gmsh reads the file, m; a .step file is read in mm."""
+        own = "mm" if self.file.suffix.lower() in STEP else "m"
+        return units.parse(f"1 {self.unit or own}", "m")
+
+    @property
+    def file_parameters(self) -> dict[str, float]:
+        """The parameters in the units of the file."""
+        given = self.parameters or {}
+        return {name: units.parse_in(value, self.length_unit) for name, value in given.items()}
+
+    @model_validator(mode="after")
+    def _fits_the_file(self) -> SheetFile:
+        if self.file.suffix.lower() in STEP and self.unit not in (None, "mm"):
+            what = f"a .step file states its unit: {self.unit!r} would be wrong"
+            raise wrong(what, "Leave 'unit' out.")
+        if self.parameters and self.file.suffix.lower() != ".geo":
+            raise wrong(f"{self.file.name} has no parameters", "A .geo file may have some.")
+        return self
 
 
 def _form(data: Any) -> str:

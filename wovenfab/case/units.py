@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from functools import cache
 from typing import Any
 
@@ -65,6 +66,20 @@ def parse(text: str, unit: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text!r}, which is too large")
     return value
+
+
+def parse_in(value: float | str, unit: float) -> float:
+    """Return a number as it is, a length in a unit of so many metres, or an angle in rad.
+
+    Raises:
+        ValueError: As from :func:`parse`.
+    """
+    if not isinstance(value, str):
+        return value
+    for kind, size in (("", 1.0), ("m", unit), ("rad", 1.0)):
+        with suppress(ValueError):
+            return parse(value, kind) / size
+    raise ValueError(describe(value))
 
 
 def write(value: float, unit: str) -> str | float:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from forms import effects
 from forms.effect import Needs
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.effects import acting
 from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import memory
@@ -41,9 +41,19 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
     if exact := unknowns < most:
         unknowns = count_unknowns(case, sheet_of(case, comm))
     require_memory(case, unknowns, comm)
-    for line in describe(case, unknowns, exact):
+    for line in (*edges_of(case), *describe(case, unknowns, exact)):
         console.say(line)
     return 0
+
+
+def edges_of(case: Case) -> list[str]:
+    """Return in words the edges of a geometry from a file, with their lengths and places."""
+    if isinstance(case.sheet, Rectangle):
+        return []
+    from wovenfab.sheet.geometry_file import edge_lines, read_geometry
+    from wovenfab.simulation.from_case import geometry_of
+
+    return edge_lines(read_geometry(geometry_of(case.sheet), follow_curves=True).curves)
 
 
 def count_unknowns(case: Case, sheet: Sheet) -> int:

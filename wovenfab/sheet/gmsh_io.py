@@ -1,11 +1,10 @@
-"""Meshes by gmsh: any .geo or .msh file with named edges, and graded rectangles."""
+"""Sessions of gmsh, what the text of a geometry may do, and unstructured rectangles."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
-from io import StringIO
+from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -15,8 +14,10 @@ from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.compat import mesh_from_gmsh
-from wovenfab.sheet.sheet import GeometryError, Outline, outline_of
+from wovenfab.sheet.sheet import GeometryError, name_facets, rectangle_outline, triangle_mesh
+
+Array = NDArray[np.float64]
+Cells = NDArray[np.int64]
 
 #: Statements that run a program; refused wherever the word stands, in comments, too.
 PROGRAMS = re.compile(r"\b(SystemCall|NonBlockingSystemCall|OnelabRun)\b")
@@ -27,118 +28,76 @@ READING = re.compile(r"\b(?:Include|Merge|MergeWithBoundingBox|ShapeFromFile)\b"
 NAMED = re.compile(READING.pattern + r"\s*\(?\s*\"([^\"\n]*)\"")
 #: Comments, whose content does nothing, and strings.
 COMMENTS = re.compile(r"//[^\n]*|/\*.*?\*/|\"[^\"\n]*\"", re.DOTALL)
-#: Cells of a mesh at most, by the area of what encloses the sheet.
-MOST_CELLS = 1e7
-#: Segments that a full circle of the outline is divided in, at least.
-SEGMENTS = 48
 
 
-def from_file(
-    comm: MPI.Comm, path: Path, mesh_size: float | None
-) -> tuple[Mesh, MeshTags, dict[str, int]]:
-    """Return mesh, facet tags and tag numbers of a gmsh geometry or mesh.
+def with_gmsh[T](build: Callable[[Any], T], what: str) -> T:
+    """Return what ``build`` makes of gmsh, which is started and ended around it.
 
     Args:
-        comm: Communicator.
-        path: A .geo file (meshed here) or a .msh file.
-        mesh_size: Largest cell size, m; None keeps what the file says.
+        build: Gets the module.
+        what: Name of the geometry for messages.
 
     Raises:
-        GeometryError: On every rank, if gmsh cannot read the file or it lacks a
-            physical surface or named physical curves.
+        GeometryError: gmsh fails.
     """
+    import gmsh  # here because it costs time that most scenes need not pay
 
-    def build(gmsh: Any) -> None:
-        _read(gmsh, path, mesh_size)
-
-    return _on_root(comm, build, str(path))
-
-
-def outline_from_file(comm: MPI.Comm, path: Path, mesh_size: float | None) -> tuple[Outline, float]:
-    """Return the outline of a gmsh geometry, and the size of cells it asks for (m); collective.
-
-    Args:
-        comm: Communicator.
-        path: A .geo file.
-        mesh_size: Largest cell size, m; None keeps what the file says.
-
-    Raises:
-        GeometryError: As from :func:`from_file`.
-    """
-    found: list[tuple[Outline, float]] = []
-
-    def build(gmsh: Any) -> None:
-        _read(gmsh, path, mesh_size, _follow_curves)
-        tags, coordinates, _ = gmsh.model.mesh.getNodes()
-        number = {int(tag): i for i, tag in enumerate(tags)}
-        points = coordinates.reshape(-1, 3)[:, :2]
-        triangles = _numbers(gmsh, 2, -1, number)
-        named = {
-            gmsh.model.getPhysicalName(1, group): np.concatenate(
-                [
-                    _numbers(gmsh, 1, int(curve), number)
-                    for curve in gmsh.model.getEntitiesForPhysicalGroup(1, group)
-                ]
-            )
-            for _, group in gmsh.model.getPhysicalGroups(1)
-        }
-        sides = points[triangles] - points[np.roll(triangles, 1, axis=1)]
-        found.append(
-            (outline_of(points, triangles, named), float(np.linalg.norm(sides, axis=2).max()))
-        )
-
-    outline, size = _rooted(
-        comm, build, str(path), lambda _: comm.bcast(found[0] if found else None)
-    )
-    return outline, mesh_size or size
+    failed = False
+    _start(gmsh)
+    try:
+        return build(gmsh)
+    except Exception as error:
+        if type(error) is not Exception:  # that of gmsh
+            raise
+        failed = True
+        why = str(error).replace(f"'{what}', ", "")  # gmsh names the file again
+        raise GeometryError(f"gmsh cannot mesh {what}: {why}") from error
+    finally:
+        gmsh.finalize()
+        if failed:
+            _empty_parser(gmsh)
 
 
-def _follow_curves(gmsh: Any) -> None:
-    """Divide curves finely enough for their shape, whatever the size of the cells."""
-    for _, curve in gmsh.model.getEntities(1):
-        if gmsh.model.getType(1, curve) != "Line":
-            (first,), (last,) = gmsh.model.getParametrizationBounds(1, curve)
-            places = np.linspace(first, last, SEGMENTS + 1)
-            slopes = gmsh.model.getDerivative(1, curve, places).reshape(-1, 3)
-            angles = np.unwrap(np.arctan2(slopes[:, 1], slopes[:, 0]))
-            turned = np.abs(np.diff(angles)).sum()
-            parts = max(1, int(np.ceil(turned / (2 * np.pi) * SEGMENTS)))
-            gmsh.model.mesh.setTransfiniteCurve(curve, parts + 1)
+def _start(gmsh: Any) -> None:
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
 
 
-def _read(
-    gmsh: Any,
-    path: Path,
-    mesh_size: float | None,
-    prepare: Callable[[Any], None] = lambda gmsh: None,
-) -> None:
-    """Open a geometry or mesh, and mesh it, once prepared, unless it is."""
-    _require_harmless(path)
-    gmsh.open(str(path))
-    prepare(gmsh)
-    if mesh_size is not None:
-        _require_few(gmsh, path, mesh_size)
-        gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size)
-    if not gmsh.model.mesh.getNodes()[0].size:
-        gmsh.model.mesh.generate(2)
-    if not gmsh.model.getPhysicalGroups(2):
-        raise GeometryError(f"{path}: no physical surface; add one, such as Physical Surface")
-    if not gmsh.model.getPhysicalGroups(1):
-        raise GeometryError(f'{path}: no named edges; add, such as Physical Curve("left")')
+def _empty_parser(gmsh: Any) -> None:
+    """Let gmsh read what a syntax error left in its parser, which outlives the model."""
+    _start(gmsh)
+    with TemporaryDirectory() as folder:
+        blank = Path(folder) / "blank.geo"
+        blank.write_text("blank = 1;\n")
+        for _ in range(100):  # one statement each
+            with suppress(Exception):
+                gmsh.open(str(blank))
+                break
+    gmsh.finalize()
 
 
-def _require_few(gmsh: Any, path: Path, mesh_size: float) -> None:
-    """Refuse a geometry that would get too many cells, as one in millimetres does."""
-    x, y, _, right, top, _ = gmsh.model.getBoundingBox(-1, -1)
-    wide, high = right - x, top - y
-    if 2 * wide * high > MOST_CELLS * mesh_size**2:
-        raise GeometryError(
-            f"{path}: {wide:g} m x {high:g} m in cells of {mesh_size:g} m are too many; "
-            "the unit of a geometry is the metre"
-        )
+def code_of(path: Path) -> str:
+    """Return the text of a geometry, and of those that it reads, without comments."""
+    if path.suffix.lower() != ".geo" or not path.is_file():
+        return ""
+    text = path.read_text(encoding="latin-1")
+    parts = [path.parent / name for name in NAMED.findall(text)]
+    bare = COMMENTS.sub(lambda m: m.group() if m.group()[0] == '"' else _blank(m.group()), text)
+    return "\n".join([bare, *(code_of(part) for part in parts if part != path)])
 
 
-def _require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
+def line_of(path: Path, statement: re.Pattern[str]) -> str:
+    """Return in words the line where a statement stands, or nothing."""
+    found = statement.search(code := code_of(path))
+    return f"in line {code.count(chr(10), 0, found.start()) + 1}" if found else ""
+
+
+def options_of(path: Path) -> Path:
+    """Return the file of options that gmsh reads with a geometry, if it exists."""
+    return path.with_name(f"{path.name}.opt")
+
+
+def require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
     """Refuse a file, or one that it reads, with statements that do more than describe a sheet.
 
     gmsh runs programs for a geometry, for a mesh file that is none, and for the options that
@@ -161,8 +120,8 @@ def _require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
             "programs, end gmsh, write files, or read others but by a name in quotes; remove it"
         )
     others = [path.parent / name for name in NAMED.findall(text)]
-    for other in (*others, path.with_name(f"{path.name}.opt")):
-        _require_harmless(other, (*seen, path))
+    for other in (*others, options_of(path)):
+        require_harmless(other, (*seen, path))
 
 
 def _blank(text: str) -> str:
@@ -172,17 +131,28 @@ def _blank(text: str) -> str:
     return re.sub(r"[^\n]", " ", text)
 
 
-def _numbers(gmsh: Any, dim: int, entity: int, number: dict[int, int]) -> NDArray[np.int64]:
-    """Return the vertices of the lines or triangles of an entity, shape (n, dim + 1)."""
-    _, _, nodes = gmsh.model.mesh.getElements(dim, entity)
-    tags = np.concatenate(nodes) if nodes else np.zeros(0, dtype=np.int64)
-    return np.array([number[int(t)] for t in tags], dtype=np.int64).reshape(-1, dim + 1)
+def nodes_of(gmsh: Any) -> tuple[Array, Cells]:
+    """Return the positions of all nodes, shape (n, 3), and the row of each tag."""
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    rows = np.zeros(int(tags.max(initial=0)) + 1, dtype=np.int64)
+    rows[tags.astype(np.int64)] = np.arange(len(tags))
+    return coordinates.reshape(-1, 3), rows
+
+
+def cells_of(gmsh: Any, dim: int, entity: int, rows: Cells) -> Cells:
+    """Return the rows of the corners of the lines or triangles of an entity, shape (n, dim + 1)."""
+    found = [np.zeros((0, dim + 1), dtype=np.int64)]
+    kinds, _, nodes = gmsh.model.mesh.getElements(dim, entity)
+    for kind, tags in zip(kinds, nodes, strict=True):
+        count = gmsh.model.mesh.getElementProperties(kind)[3]
+        found.append(rows[tags.astype(np.int64).reshape(-1, count)[:, : dim + 1]])
+    return np.concatenate(found)
 
 
 def graded_rectangle(
     comm: MPI.Comm, length: float, width: float, mesh_size: float, corner_size: float | None
 ) -> tuple[Mesh, MeshTags, dict[str, int]]:
-    """Return an unstructured rectangle, optionally refined towards its corners.
+    """Return an unstructured rectangle, optionally refined towards its corners; collective.
 
     It is meshed as a rectangle of unit size and scaled: gmsh has tolerances of its own,
     so that a sheet of another size would get another mesh.
@@ -197,25 +167,23 @@ def graded_rectangle(
     unit = max(length, width)
     largest, smallest = mesh_size / unit, (corner_size or mesh_size) / unit
 
-    def build(gmsh: Any) -> None:
+    def build(gmsh: Any) -> tuple[Array, Cells]:
         geo = gmsh.model.geo
         wide, high = length / unit, width / unit
         corners = [(0, 0), (wide, 0), (wide, high), (0, high)]
         points = [geo.addPoint(x, y, 0, smallest) for x, y in corners]
         lines = [geo.addLine(points[i], points[(i + 1) % 4]) for i in range(4)]
-        surface = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        geo.addPlaneSurface([geo.addCurveLoop(lines)])
         geo.synchronize()
-        for line, name in zip(lines, ("bottom", "right", "top", "left"), strict=True):
-            gmsh.model.addPhysicalGroup(1, [line], name=name)
-        gmsh.model.addPhysicalGroup(2, [surface], name="sheet")
         if corner_size is not None:
             _refine_at(gmsh, points, smallest, largest, min(wide, high) / 2)
         gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
         gmsh.model.mesh.generate(2)
+        places, rows = nodes_of(gmsh)
+        return unit * places[:, :2], cells_of(gmsh, 2, -1, rows)
 
-    mesh, tags, names = _on_root(comm, build, "the rectangle")
-    mesh.geometry.x[:] *= unit
-    return mesh, tags, names
+    mesh = triangle_mesh(comm, lambda: with_gmsh(build, "the rectangle"))
+    return mesh, *name_facets(mesh, rectangle_outline(length, width))
 
 
 def _refine_at(gmsh: Any, points: list[int], smallest: float, largest: float, reach: float) -> None:
@@ -232,66 +200,3 @@ def _refine_at(gmsh: Any, points: list[int], smallest: float, largest: float, re
     field.setAsBackgroundMesh(threshold)
     for option in ("ExtendFromBoundary", "FromPoints", "FromCurvature"):
         gmsh.option.setNumber(f"Mesh.MeshSize{option}", 0)
-
-
-def _on_root(
-    comm: MPI.Comm, build: Callable[[Any], None], what: str
-) -> tuple[Mesh, MeshTags, dict[str, int]]:
-    """Build a gmsh model on rank 0 and share its mesh; collective."""
-
-    def share(model: Any) -> tuple[Mesh, MeshTags, dict[str, int]]:
-        with redirect_stdout(StringIO()):
-            mesh, tags, names = mesh_from_gmsh(model, comm)
-        return mesh, tags, names
-
-    return _rooted(comm, build, what, share)
-
-
-def _rooted[T](
-    comm: MPI.Comm,
-    build: Callable[[Any], None],
-    what: str,
-    use: Callable[[Any], T],
-) -> T:
-    """Build a gmsh model on rank 0, use it, and fail on all ranks alike; collective.
-
-    Args:
-        comm: Communicator.
-        build: Makes the model, on rank 0.
-        what: Its name for messages.
-        use: Called on every rank with the model, which is None but on rank 0.
-    """
-    import gmsh  # here because it costs time that most scenes need not pay
-
-    problem: str | None = None
-    if comm.rank == 0:
-        gmsh.initialize(readConfigFiles=False, interruptible=False)
-        gmsh.option.setNumber("General.Terminal", 0)
-        try:
-            build(gmsh)
-        except GeometryError as error:
-            problem = str(error)
-        except Exception as error:  # gmsh raises bare Exception
-            why = str(error).replace(f"'{what}', ", "")  # gmsh names the file again
-            problem = f"gmsh cannot mesh {what}: {why}"
-    problem = comm.bcast(problem)
-    try:
-        if problem is not None:
-            raise GeometryError(problem)
-        return use(gmsh.model if comm.rank == 0 else None)
-    finally:
-        if comm.rank == 0:
-            gmsh.finalize()
-            if problem is not None:
-                _empty_parser(gmsh)
-
-
-def _empty_parser(gmsh: Any) -> None:
-    """Let gmsh read what a syntax error left in its parser, which outlives the model."""
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    gmsh.option.setNumber("General.Terminal", 0)
-    with TemporaryDirectory() as folder, suppress(Exception):
-        blank = Path(folder) / "blank.geo"
-        blank.write_text(";\n")
-        gmsh.open(str(blank))
-    gmsh.finalize()

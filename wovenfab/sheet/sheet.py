@@ -5,27 +5,32 @@ An outline has closed rings of straight segments, each on a named edge or on non
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from math import ceil, cos, sin
 
-import basix
+import basix.ufl
 import numpy as np
 import shapely
+import ufl
 from dolfinx.mesh import (
     DiagonalType,
     GhostMode,
     Mesh,
     MeshTags,
+    compute_midpoints,
+    create_mesh,
     create_rectangle,
-    locate_entities_boundary,
+    exterior_facet_indices,
     meshtags,
 )
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.compat import corners_of
+from wovenfab.compat import cell_partitioner, corners_of
+from wovenfab.parallel import from_root
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -33,6 +38,17 @@ Triangles = NDArray[np.int64]
 CORNER = np.radians(20)
 #: Turn (rad) below which two segments are one.
 STRAIGHT = 1e-7
+#: A facet lies on an edge that its middle is this close to, as a share of the extent.
+ON_EDGE = 1e-8
+
+
+class GeometryError(Exception):
+    """A geometry that cannot be meshed; the text says why and what to do."""
+
+    def __init__(self, message: str, key: str = "file") -> None:
+        """Keep which key of ``sheet`` in a case is meant."""
+        super().__init__(message)
+        self.key = key
 
 
 @dataclass(frozen=True)
@@ -97,27 +113,66 @@ def outline_of(
         points: Vertices, shape (n, 2), m.
         triangles: Corners of the cells, shape (m, 3).
         named: Pairs of vertices of the segments on each named edge, shape (n, 2).
+
+    Raises:
+        GeometryError: The mesh is not one sheet.
     """
     names = {frozenset(map(int, pair)): name for name, pairs in named.items() for pair in pairs}
-    signed = points[triangles]
-    one, two = signed[:, 1] - signed[:, 0], signed[:, 2] - signed[:, 0]
-    cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
-    turned = np.where((cross > 0)[:, None], triangles, triangles[:, ::-1])
-    sides = {(int(t[i]), int(t[(i + 1) % 3])) for t in turned for i in range(3)}
-    following = {a: b for a, b in sides if (b, a) not in sides}
+    following = {int(a): int(b) for a, b in free_sides(points, triangles)}
     rings = []
     while following:
-        start, way = next(iter(following.items()))
-        chain = [start]
-        del following[start]
+        start = min(following)
+        chain, way = [start], following.pop(start)
         while way != start:
             chain.append(way)
             way = following.pop(way)
-        labels = [
-            names.get(frozenset((a, b))) for a, b in zip(chain, [*chain[1:], chain[0]], strict=True)
-        ]
+        labels = [names.get(frozenset(pair)) for pair in pairwise([*chain, start])]
         rings.append(_straightened(Ring(points[chain], tuple(labels))))
-    return Outline(tuple(sorted(rings, key=_area, reverse=True)))
+    outline = Outline(tuple(sorted(rings, key=_area, reverse=True)))
+    if len(pieces := [ring for ring in outline.rings if _area(ring) > 0]) > 1:
+        raise GeometryError(
+            f"the sheet is in {len(pieces)} pieces, the second one at "
+            f"{placed(pieces[1].points[0])}; join them, as BooleanUnion or BooleanFragments do, "
+            "or leave all but one out of the Physical Surface"
+        )
+    if not outline.polygon.is_valid:
+        why = shapely.is_valid_reason(outline.polygon)
+        raise GeometryError(f"the outline crosses itself ({why}, m); move its parts apart there")
+    return outline
+
+
+def free_sides(points: Array, triangles: Triangles) -> NDArray[np.int64]:
+    """Return the sides of one triangle only, the mesh on their left, shape (n, 2).
+
+    Args:
+        points: Vertices, shape (n, 2), m.
+        triangles: Corners of the cells, shape (m, 3).
+
+    Raises:
+        GeometryError: Cells are flat or overlap, or the mesh touches itself in a point.
+    """
+    one, two = (points[triangles[:, i]] - points[triangles[:, 0]] for i in (1, 2))
+    cross = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    if not np.all(cross):
+        place = placed(points[triangles[np.argmin(np.abs(cross)), 0]])
+        raise GeometryError(f"a cell at {place} is flat; mesh it with other sizes there")
+    turned = np.where((cross > 0)[:, None], triangles, triangles[:, ::-1])
+    sides = np.concatenate([turned[:, [i, (i + 1) % 3]] for i in range(3)])
+    ahead, back = (sides[:, [i, 1 - i]] @ [len(points), 1] for i in (0, 1))
+    free: Triangles = sides[~np.isin(ahead, back)]
+    starts, counts = np.unique(free[:, 0], return_counts=True)
+    if len(np.unique(ahead)) < len(ahead) or counts.max() > 1:
+        number = starts[counts.argmax()]
+        raise GeometryError(
+            f"the sheet touches or overlaps itself at {placed(points[number])}; let its parts "
+            "share a curve there, or keep them apart"
+        )
+    return free
+
+
+def placed(point: Array) -> str:
+    """Return a position in words."""
+    return f"x = {point[0]:.4g} m, y = {point[1]:.4g} m"
 
 
 def _straightened(ring: Ring) -> Ring:
@@ -146,10 +201,6 @@ def changes(ring: Ring, holds: Mapping[str, object]) -> Iterable[int]:
 
 
 PATTERNS = {"crossed": DiagonalType.crossed, "right": DiagonalType.right}
-
-
-class GeometryError(Exception):
-    """A geometry that cannot be meshed; the text says why and what to do."""
 
 
 @dataclass(frozen=True)
@@ -231,21 +282,35 @@ def rectangle(
         ghost_mode=GhostMode.shared_facet,
         diagonal=PATTERNS[pattern],
     )
-    return mesh, *name_edges(mesh, length, width)
+    return mesh, *name_facets(mesh, rectangle_outline(length, width))
 
 
-def name_edges(mesh: Mesh, length: float, width: float) -> tuple[MeshTags, dict[str, int]]:
-    """Return facet tags and tag numbers of the four edges of a rectangle at the origin."""
-    slack = 1e-9 * max(length, width)
-    on_edge = {
-        "left": lambda x: x[0] < slack,
-        "right": lambda x: x[0] > length - slack,
-        "bottom": lambda x: x[1] < slack,
-        "top": lambda x: x[1] > width - slack,
-    }
-    tags = {name: number for number, name in enumerate(on_edge, start=1)}
-    facets = [locate_entities_boundary(mesh, 1, marker) for marker in on_edge.values()]
-    values = [np.full_like(f, tag) for f, tag in zip(facets, tags.values(), strict=True)]
-    together, marks = np.concatenate(facets), np.concatenate(values)
-    order = np.argsort(together, kind="stable")
-    return meshtags(mesh, 1, together[order], marks[order]), tags
+def triangle_mesh(comm: MPI.Comm, build: Callable[[], tuple[Array, Triangles]]) -> Mesh:
+    """Return the mesh of the vertices and cells that ``build`` makes on rank 0; collective."""
+    none: tuple[Array, Triangles] = np.zeros((0, 2)), np.zeros((0, 3), dtype=np.int64)
+    points, cells = from_root(comm, build, none)
+    shape = ufl.Mesh(basix.ufl.element("Lagrange", "triangle", 1, shape=(2,)))
+    return create_mesh(comm, cells=cells, x=points, e=shape, partitioner=cell_partitioner())
+
+
+def name_facets(mesh: Mesh, outline: Outline) -> tuple[MeshTags, dict[str, int]]:
+    """Return facet tags and tag numbers of the outline's edges."""
+    names = dict.fromkeys(name for _, _, name in outline.segments() if name is not None)
+    tags = {name: number for number, name in enumerate(names, start=1)}
+    mesh.topology.create_connectivity(1, 2)
+    facets = exterior_facet_indices(mesh.topology)
+    middles = compute_midpoints(mesh, 1, facets)[:, :2]
+    marks = np.zeros(len(facets), dtype=np.int32)
+    for start, end, name in outline.segments():
+        if name is not None:
+            marks[_between(middles, start, end, ON_EDGE * outline.extent)] = tags[name]
+    named = marks > 0
+    return meshtags(mesh, 1, facets[named], marks[named]), tags
+
+
+def _between(places: Array, start: Array, end: Array, tolerance: float) -> NDArray[np.bool_]:
+    length = float(np.linalg.norm(end - start))
+    ahead, away = (end - start) / length, places - start
+    position = away @ ahead
+    aside = np.abs(away[:, 0] * ahead[1] - away[:, 1] * ahead[0])
+    return np.asarray((aside < tolerance) & (position > 0) & (position < length))

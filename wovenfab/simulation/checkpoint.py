@@ -294,8 +294,8 @@ def state_of(case: Case, model: Model) -> tuple[Array, str]:
 def fixed_part(case: Case) -> dict[str, Any]:
     """Return what must not change while a run goes on; of files it is what is in them."""
     dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
-    dump["sheet"].pop("file", None)
-    return {**dump, **contents_of(case)}
+    sheet = {k: v for k, v in dump["sheet"].items() if k != "file" and v is not None}
+    return {**dump, "sheet": sheet, **contents_of(case)}
 
 
 def chosen_part(case: Case) -> dict[str, Any]:

@@ -10,8 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import ufl
 from mpi4py import MPI
@@ -27,6 +26,7 @@ from wovenfab.case import (
     Hold,
     Ramp,
     Rectangle,
+    SheetFile,
     Table,
     Trapezoid,
     conditions_of,
@@ -59,6 +59,9 @@ from wovenfab.stepping.program import (
     table,
 )
 from wovenfab.stepping.schemes import SCHEMES, Scheme
+
+if TYPE_CHECKING:
+    from wovenfab.sheet.geometry_file import GeometryFile
 
 #: What the functions of a formula mean in UFL.
 UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -136,7 +139,7 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     try:
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     except GeometryError as error:
-        raise CaseError([case.problem("sheet.file", str(error))]) from error
+        raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
     require_edges(case, sheet.edges)
     faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
     if faults:
@@ -158,17 +161,17 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
     size = case.discretisation.mesh_size
     if isinstance(case.sheet, Rectangle):
         area = case.sheet.length * case.sheet.width
-    elif Path(case.sheet.file).suffix == ".msh":
+    elif case.sheet.file.suffix.lower() == ".msh":
         return 0
     else:
-        from wovenfab.sheet.gmsh_io import outline_from_file
+        from wovenfab.sheet.geometry_file import outline_from_file
 
         try:
-            outline, own = outline_from_file(comm, Path(case.sheet.file), None)
+            outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
         except GeometryError as error:
-            raise CaseError([case.problem("sheet.file", str(error))]) from error
+            raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
-        area, size = outline.polygon.area, size or own
+        area = outline.polygon.area
     assert size is not None
     nodes = 4 * area / size**2 * case.discretisation.degree**2 / 2
     return round(2 * nodes * case.needs.placements)
@@ -191,7 +194,15 @@ def follows_fibres(case: Case) -> bool:
     mesh = case.discretisation.mesh
     if isinstance(case.sheet, Rectangle):
         return mesh == "fibres"
-    return mesh in ("fibres", None) and Path(case.sheet.file).suffix != ".msh"
+    return mesh in ("fibres", None) and case.sheet.file.suffix.lower() != ".msh"
+
+
+def geometry_of(sheet: SheetFile) -> GeometryFile:
+    """Return the file of a sheet with what the case says of it."""
+    from wovenfab.sheet.geometry_file import GeometryFile
+
+    named = sheet.edges or {}
+    return GeometryFile(sheet.file, sheet.length_unit, sheet.file_parameters, named)
 
 
 def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
@@ -207,9 +218,9 @@ def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
         else:
             parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
     else:
-        from wovenfab.sheet.gmsh_io import from_file
+        from wovenfab.sheet.geometry_file import from_file
 
-        parts = from_file(comm, Path(case.sheet.file), d.mesh_size)
+        parts = from_file(comm, geometry_of(case.sheet), d.mesh_size)
     return Sheet(*parts, directions(case.sheet.fibres))
 
 
@@ -220,9 +231,9 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         outline = rectangle_outline(case.sheet.length, case.sheet.width)
         size = d.mesh_size
     else:
-        from wovenfab.sheet.gmsh_io import outline_from_file
+        from wovenfab.sheet.geometry_file import outline_from_file
 
-        outline, size = outline_from_file(comm, Path(case.sheet.file), d.mesh_size)
+        outline, size = outline_from_file(comm, geometry_of(case.sheet), d.mesh_size)
     assert size is not None
     return aligned_sheet(
         comm,
