@@ -108,7 +108,7 @@ def test_time_goes_to_methods_that_get_there() -> None:
     study = studied(runner)
     runs = Counter(run.setting.method for run in study.runs if run.setting.stage != "both")
     assert runs["backward-euler"] == runs["P2 crossed"] == runs["P3 on fibres, no jumps"] == 3
-    assert runs["bdf2"] > 5 and runs["P4 on fibres"] >= 3
+    assert max(runs["bdf2"], runs["bdf3"]) > 5 and runs["P4 on fibres"] >= 3
     assert set(runner.ran.values()) == {1}, "no setting is paid for twice"
 
 
@@ -126,13 +126,13 @@ def test_a_ladder_rests_where_two_others_are_ahead_of_its_next_run() -> None:
 
 def test_in_little_time_nothing_is_claimed_that_is_not_so() -> None:
     runner = Formula(4.0)
-    study = studied(runner, 40.0)
+    study = studied(runner, 50.0)
     for target, run in study.chosen.items():
         for name, exact in EXACT.items():
             assert run is None or abs(run.measured.values[name] / exact - 1) <= target
     assert study.chosen[TARGETS[0]] is not None
     assert study.chosen[TARGETS[-1]] is None
-    assert study.spent <= 40
+    assert study.spent <= 50
     assert re.search("both (time|space) .*both", " ".join(runner.stages)), "it goes on"
 
 

@@ -337,7 +337,8 @@ def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
-    if FILE in upper if FILE not in base else _SHAPE in upper:
+    other_kind = FILE in upper if FILE not in base else _SHAPE in upper
+    if other_kind and None not in upper.values():  # what takes keys out is merged
         return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))

@@ -79,7 +79,7 @@ def run(
 
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
-    observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
+    observers: list[Observer] = [modes, lambda step: values.append(rows.row(step, probed())[0])]
     simulation.outcome = Outcome(**before["outcome"])
 
     def parts() -> list[dict[str, Any]]:

@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
-from math import ceil, log
+from math import ceil, inf, log
 from time import perf_counter
 
 from mpi4py import MPI
@@ -89,7 +89,7 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
     if limits is None:
         least, most = PATIENCE
         seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
-        limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds)
+        limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
     aim = AIM * case.accuracy
     share = ELEMENTS_SHARE if base.needs.history else 1.0
     elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet).run()
@@ -183,7 +183,7 @@ class _MeshSearch:
 
     def _left(self, trials: Sequence[Trial]) -> float:
         """Return the time that is left for trials, s."""
-        return self.limits.time - sum(t.seconds for t in trials)
+        return self.limits.patience - sum(t.seconds for t in trials)
 
     def _error(self, trial: Case, sheet: Sheet, left: float) -> float | None:
         """Return the error on a mesh by the lowest degree that is good enough, or by the best.
@@ -286,10 +286,12 @@ class Limits:
     Attributes:
         memory: Of the run, bytes.
         time: For all trials of elements, s.
+        patience: After which a trial is given up on its way, s.
     """
 
     memory: float
     time: float = 150.0
+    patience: float = inf
 
 
 @dataclass(frozen=True)
