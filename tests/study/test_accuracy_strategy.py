@@ -105,7 +105,7 @@ def test_every_accuracy_is_proven_and_the_errors_are_true_bounds(mixed: float) -
 
 def test_time_goes_to_methods_that_get_there() -> None:
     runner = Formula(1.0)
-    study = studied(runner)
+    study = studied(runner, 400.0)
     runs = Counter(run.setting.method for run in study.runs if run.setting.stage != "both")
     assert runs["backward-euler"] == runs["P2 crossed"] == runs["P3 on fibres, no jumps"] == 3
     assert max(runs["bdf2"], runs["bdf3"]) > 5 and runs["P4 on fibres"] >= 3
