@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -24,16 +24,18 @@ from wovenfab.case.quantities import (
     AtLeastOne,
     Duration,
     Frequency,
+    Driven,
     Json,
-    Length,
+    Newtons,
     OneOr,
     Section,
-    Size,
     Speed,
     hide_default,
 )
 
-COLUMNS = ("time_s", "displacement_m")
+COLUMNS, FORCE = ("time_s", "displacement_m"), "force_N"
+#: Where a force is prescribed, the velocity is not known beforehand.
+NO_VELOCITY = "a force has a {}, not a velocity"
 
 
 @dataclass(frozen=True)
@@ -43,28 +45,34 @@ class Samples:
     Attributes:
         file: The CSV file it was read from.
         times: Strictly increasing, from the start of the segment, s.
-        displacements: One for each time, m.
+        displacements: One for each time, m; they are forces (N) where ``force`` is true.
+        force: Whether the column is force_N.
     """
 
     file: Path
     times: tuple[float, ...]
     displacements: tuple[float, ...]
+    force: bool = False
 
 
 def read_samples(value: Any, info: ValidationInfo) -> Samples:
-    """Return the contents of a CSV file with the columns time_s and displacement_m."""
+    """Return the contents of a CSV file with the columns time_s and displacement_m or force_N."""
     path = existing_file(value, folder_of(info), (".csv",))
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             table = csv.DictReader(stream)
             header = [c.strip() for c in table.fieldnames or ()]
             table.fieldnames = header
-            if missing := [c for c in COLUMNS if c not in header]:
+            force = FORCE in header
+            if force and COLUMNS[1] in header:
+                raise wrong(f"{value}:1: there is {COLUMNS[1]} as well as {FORCE}", "Leave out one.")
+            columns = (COLUMNS[0], FORCE) if force else COLUMNS
+            if missing := [c for c in columns if c not in header]:
                 raise wrong(
                     f"{value}:1: there is no column {one_of(missing)}",
-                    f"The first line must be '{','.join(COLUMNS)}'.",
+                    f"The first line must be '{','.join(columns)}'.",
                 )
-            rows = [_row(row, f"{value}:{table.line_num}") for row in table]
+            rows = [_row(row, f"{value}:{table.line_num}", columns) for row in table]
     except (UnicodeDecodeError, csv.Error) as error:
         raise wrong(f"{value}: this is not a text file with comma-separated values") from error
     except OSError as error:
@@ -77,12 +85,12 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
     for before, time, place in zip(times, times[1:], places[1:], strict=False):
         if time <= before:
             raise wrong(f"{place}: times must increase, got {time} after {before}")
-    return Samples(path, times, displacements)
+    return Samples(path, times, displacements, force=force)
 
 
-def _row(row: dict[str, Any], place: str) -> tuple[float, float, str]:
+def _row(row: dict[str, Any], place: str, columns: Iterable[str]) -> tuple[float, float, str]:
     values = []
-    for column in COLUMNS:
+    for column in columns:
         try:
             value = float(row[column] or "")
         except ValueError:
@@ -104,12 +112,15 @@ class _Segment(Section):
 
 
 class Cycles(_Segment):
-    """Cycles from where the last segment ended and back, A/2 (1 - cos(2 pi t/T)) each."""
+    """Cycles from where the last segment ended and back, A/2 (1 - cos(2 pi t/T)) each.
+
+    Amplitudes with a unit of force prescribe the force of the driven edge.
+    """
 
     type: Literal["cycles"] = Field(default="cycles", json_schema_extra=hide_default)
     """Kind of segment."""
 
-    amplitudes: Annotated[tuple[Size, ...], OneOr()] = Field(
+    amplitudes: Annotated[tuple[Annotated[float, Driven(above=0)], ...], OneOr()] = Field(
         min_length=1, examples=[["20 mm", "40 mm"]]
     )
     """Amplitude A of each cycle."""
@@ -122,6 +133,11 @@ class Cycles(_Segment):
 
     @model_validator(mode="after")
     def _one_speed(self) -> Cycles:
+        kinds = {isinstance(amplitude, Newtons) for amplitude in self.amplitudes}
+        if len(kinds) > 1:
+            raise wrong("amplitudes are either all lengths or all forces", "Use two segments.")
+        if kinds == {True} and self.max_velocity is not None:
+            raise wrong(NO_VELOCITY.format("frequency"), "For example 'frequency: 1 Hz'.")
         if (self.max_velocity is None) == (self.frequency is None):
             both = "not both" if self.frequency else "got neither"
             raise wrong(
@@ -132,13 +148,13 @@ class Cycles(_Segment):
 
 
 class Ramp(_Segment):
-    """A straight line in time to a displacement."""
+    """A straight line in time to a displacement or a force."""
 
     type: Literal["ramp"] = Field(default="ramp", json_schema_extra=hide_default)
     """Kind of segment."""
 
-    to: Length = Field(examples=["40 mm"])
-    """Displacement at the end."""
+    to: Annotated[float, Driven()] = Field(examples=["40 mm"])
+    """Displacement at the end, or the force of the driven edge."""
 
     steps: AtLeastOne = 20
     """Number of equal steps."""
@@ -153,11 +169,13 @@ class Ramp(_Segment):
     def _one_speed(self) -> Ramp:
         if self.velocity is not None and self.duration is not None:
             raise wrong("expected either velocity or duration, not both")
+        if isinstance(self.to, Newtons) and self.velocity is not None:
+            raise wrong(NO_VELOCITY.format("duration"), "For example 'duration: 10 s'.")
         return self
 
 
 class Hold(_Segment):
-    """A rest at the displacement reached."""
+    """A rest at the displacement or the force reached."""
 
     type: Literal["hold"] = Field(default="hold", json_schema_extra=hide_default)
     """Kind of segment."""
@@ -168,9 +186,12 @@ class Hold(_Segment):
     steps: AtLeastOne = 20
     """Number of equal steps."""
 
+    control: Literal["displacement", "force"] | None = None
+    """What is held; that which the last segment prescribed unless given."""
+
 
 class Table(_Segment):
-    """Any displacement against time, linear between the rows, which are the steps."""
+    """Any displacement or force against time, linear between the rows, which are the steps."""
 
     type: Literal["table"] = Field(default="table", json_schema_extra=hide_default)
     """Kind of segment."""
@@ -180,17 +201,33 @@ class Table(_Segment):
         BeforeValidator(read_samples, json_schema_input_type=str),
         PlainSerializer(lambda s: str(s.file), return_type=str, when_used="json"),
     ] = Field(alias="file", examples=["u.csv"])
-    """CSV file with the columns time_s (from the segment's start) and displacement_m."""
+    """CSV file with the columns time_s (from the segment's start) and displacement_m or force_N."""
 
 
 Segment = Annotated[Cycles | Ramp | Hold | Table, Field(discriminator="type")]
 
 
-def reached(program: Iterable[Segment]) -> list[float]:
-    """Return displacements (m) that a program reaches, its turning points among them."""
-    values = [0.0]
+def prescribe_forces(program: Iterable[Segment]) -> list[bool]:
+    """Return of each segment whether it prescribes the force of the driven edge."""
+    kinds = [False]
     for segment in program:
         match segment:
+            case Cycles(amplitudes=(Newtons(), *_)) | Ramp(to=Newtons()) | Hold(control="force"):
+                kinds.append(True)
+            case Hold(control=None):
+                kinds.append(kinds[-1])
+            case _:
+                kinds.append(isinstance(segment, Table) and segment.samples.force)
+    return kinds[1:]
+
+
+def reached(program: Sequence[Segment]) -> list[float]:
+    """Return displacements (m) that a program prescribes, its turning points among them."""
+    values = [0.0]
+    for segment, force in zip(program, prescribe_forces(program), strict=True):
+        match segment:
+            case _ if force:
+                continue
             case Cycles(amplitudes=amplitudes):
                 values += [values[-1] + amplitude for amplitude in amplitudes] + [values[-1]]
             case Ramp(to=end):

@@ -220,6 +220,35 @@ class Quantity(_Scalar):
         return self._or_words(options) | examples | {"unit": self.unit or "1"}
 
 
+class Newtons(float):
+    """A force (N) where a displacement (m) could be."""
+
+
+@dataclass(frozen=True)
+class Driven(Quantity):
+    """A displacement, or a force where the text has a unit of force."""
+
+    unit: str = "m"
+
+    def number(self, value: Any) -> float:
+        """Return the SI value, which is of the class ``Newtons`` if it is a force."""
+        if isinstance(value, Newtons) or (isinstance(value, str) and units.measures(value, "N")):
+            return Newtons(Quantity(unit="N", above=self.above).number(value))
+        return super().number(value)
+
+    def write(self, value: Any) -> Any:
+        """Return text with the unit."""
+        return units.write(value, "N" if isinstance(value, Newtons) else "m")
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Describe a displacement and a force."""
+        described = super().__get_pydantic_json_schema__(schema, handler)
+        described["anyOf"][1]["description"] = "'40 mm', or a force such as '50 N'"
+        return described
+
+
 @dataclass(frozen=True)
 class Interval(Quantity):
     """A duration as text with its unit, a number of steps as a whole number, or false."""

@@ -162,7 +162,7 @@ class Checkpoints:
         self._every = simulation.case.output.checkpoint
         self._format = SnapshotFormat(simulation.model)
         self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
-        planned = [(m.time, m.displacement) for m in simulation.program.milestones]
+        planned = [(m.time, m.value) for m in simulation.program.milestones]
         self._program = np.array(planned).T
         self._steps, self._clock = 0, time.monotonic()
 

@@ -32,6 +32,7 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
+from wovenfab.case.program import prescribe_forces
 from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
 from wovenfab.model.model import Model, Numerics, Value, build_model
@@ -342,28 +343,33 @@ def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
 def program_of_case(case: Case) -> Program:
     """Return the load program of a case; each segment starts where the last one ended."""
     stretches: list[Segment] = []
-    position = 0.0
-    for segment in case.program:
-        added, position = _stretches(segment, position, case.time.steps_per_cycle)
-        stretches += added
+    position: float | None = 0.0
+    before = False
+    for segment, force in zip(case.program, prescribe_forces(case.program), strict=True):
+        position = position if force == before else None
+        added, position = _stretches(segment, position, case.time.steps_per_cycle, force)
+        stretches, before = stretches + added, force
     return program_of(stretches)
 
 
-def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
-    """Return a segment's stretches and the displacement (m) at its end."""
+def _stretches(
+    segment: Any, start: float | None, per_cycle: int, force: bool
+) -> tuple[list[Segment], float | None]:
+    """Return a segment's stretches and the displacement (m) or force (N) at its end."""
     if isinstance(segment, Cycles):
-        turn = partial(cycle, start, steps=per_cycle)
+        turn = partial(cycle, start, steps=per_cycle, force=force)
         period = _period(segment)
         return [s for a in segment.amplitudes for s in turn(a, period=period(a))], start
     if isinstance(segment, Ramp):
-        way = abs(segment.to - start)
-        duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
-        return [ramp(start, segment.to, duration, segment.steps)], segment.to
+        duration = segment.duration or 1.0
+        if segment.velocity and start is not None:
+            duration = abs(segment.to - start) / segment.velocity
+        return [ramp(start, segment.to, duration, segment.steps, force)], segment.to
     if isinstance(segment, Hold):
-        return [ramp(start, start, segment.duration, segment.steps)], start
+        return [ramp(start, start, segment.duration, segment.steps, force)], start
     assert isinstance(segment, Table)
-    displacements = segment.samples.displacements
-    return table(start, segment.samples.times, displacements), displacements[-1]
+    samples = segment.samples
+    return table(start, samples.times, samples.displacements, force), samples.displacements[-1]
 
 
 def _period(segment: Cycles) -> Any:

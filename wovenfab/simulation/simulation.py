@@ -99,6 +99,8 @@ class Simulation:
             case.time.tolerance,
         )
         self._edge, self._direction = driven_edge(case)
+        if self.program.changes:
+            self.stepper.control_force(self._edge, self._direction)
         self._prepared = False
 
     @property
