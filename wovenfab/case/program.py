@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,12 +19,12 @@ from pydantic import (
 )
 
 from wovenfab.case.document import existing_file, folder_of
-from wovenfab.case.errors import describe, one_of, wrong
+from wovenfab.case.errors import KeyPath, describe, one_of, wrong
 from wovenfab.case.quantities import (
     AtLeastOne,
+    Driven,
     Duration,
     Frequency,
-    Driven,
     Json,
     Newtons,
     OneOr,
@@ -65,7 +65,7 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
             table.fieldnames = header
             force = FORCE in header
             if force and COLUMNS[1] in header:
-                raise wrong(f"{value}:1: there is {COLUMNS[1]} as well as {FORCE}", "Leave out one.")
+                raise wrong(f"{value}:1: there are both {COLUMNS[1]} and {FORCE}", "Leave out one.")
             columns = (COLUMNS[0], FORCE) if force else COLUMNS
             if missing := [c for c in columns if c not in header]:
                 raise wrong(
@@ -235,6 +235,34 @@ def reached(program: Sequence[Segment]) -> list[float]:
             case Table(samples=samples):
                 values += samples.displacements
     return values
+
+
+def joints(program: Sequence[Segment]) -> Iterator[tuple[KeyPath, str, str]]:
+    """Yield where segments do not follow each other, and the remedy."""
+    here: float | None = 0.0  # None where it is not known beforehand
+    before = False
+    for i, (segment, force) in enumerate(zip(program, prescribe_forces(program), strict=True)):
+        here = here if force == before else None
+        what, unit = ("force", "N") if force else ("displacement", "m")
+        match segment:
+            case Ramp(to=end):
+                if end == here:
+                    already = f"the {what} is {here:g} {unit} already"
+                    yield ("program", i, "to"), already, "Use {type: hold} to wait."
+                if here is None and segment.velocity:
+                    unknown = "where it starts is not known, since a force was prescribed before"
+                    yield ("program", i, "velocity"), unknown, "Give a duration instead."
+                here = end
+            case Table(samples=samples):
+                path, start = ("program", i, "file"), samples.displacements[0]
+                if samples.times[0] == 0 and start != here:
+                    at = "another one" if here is None else f"{here:g} {unit}"
+                    jump = f"the table starts at {start:g} {unit}, where the program is at {at}"
+                    yield path, jump, "Give the first row a later time, to ramp to it."
+                if samples.times[-1] == 0:
+                    yield path, "the table has no row after time zero", ""
+                here = samples.displacements[-1]
+        before = force
 
 
 def _without_brackets(segments: list[Any]) -> Any:

@@ -134,7 +134,6 @@ class Held:
         value = self.factor * program + self.offset
         return np.broadcast_to(self.field(x, y, program) if self.field else value, x.shape)
 
-
     def rate(self, positions: Array, program: float) -> Array | float:
         """Return the change of the displacement with the program (1) at reference positions."""
         if self.field is None:

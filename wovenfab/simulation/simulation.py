@@ -130,8 +130,12 @@ class Simulation:
             dissipation: Differentiate the dissipated energy, too.
 
         Raises:
+            CaseError: If the program prescribes a force.
             TargetError: If the scene has no such parameter.
         """
+        if self.program.changes:
+            message = "derivatives by parameters are not available where a force is prescribed"
+            raise CaseError([self.case.problem("program", message, "Prescribe displacements.")])
         edge, direction = self._edge, self._direction
         targets = [in_case(target, self.case) for target in targets]
         self.stepper.differentiate(targets, edge, direction, dissipation=dissipation)

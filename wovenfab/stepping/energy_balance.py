@@ -16,7 +16,7 @@ from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State
 
 if TYPE_CHECKING:
-    from wovenfab.stepping.time_error import StepError
+    from wovenfab.stepping.schemes import StepError
 
 Array = NDArray[np.float64]
 #: Sums over the steps.
@@ -98,7 +98,7 @@ class EnergyBalance:
         }
         self.forces = Forces(**forces)
         if snapshot["error"]:
-            from wovenfab.stepping.time_error import StepError
+            from wovenfab.stepping.schemes import StepError
 
             self.error = StepError(**snapshot["error"])
 

@@ -106,7 +106,8 @@ class Program:
     @cached_property
     def largest_force(self) -> float:
         """The largest planned force, N; zero where none is prescribed."""
-        return max((abs(m.value) for m in self.milestones if self.prescribes_force(m.time)), default=0.0)
+        forces = [abs(m.value) for m in self.milestones if self.prescribes_force(m.time)]
+        return max(forces, default=0.0)
 
     @property
     def cycles(self) -> list[tuple[float, float]]:

@@ -19,8 +19,8 @@ from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, Unsou
 
 if TYPE_CHECKING:
     from forms.effect import Target
+    from wovenfab.stepping.schemes import StepError, TimeErrorEstimator
     from wovenfab.stepping.sensitivity import TangentLinear
-    from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 
 logger = logging.getLogger(__name__)
 
@@ -63,7 +63,7 @@ class TimeStepper:
         self._step_size = step_size(smallest_step)
         self._time_error: TimeErrorEstimator | None = None
         if tolerance and scheme.name == "bdf2" and solver.problem.model.history:
-            from wovenfab.stepping.time_error import TimeErrorEstimator
+            from wovenfab.stepping.schemes import TimeErrorEstimator
 
             self._time_error = TimeErrorEstimator(solver, tolerance)
         self._stability = Stability(solver, treatment)
