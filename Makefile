@@ -39,8 +39,9 @@ lint: ## style, format and types
 size: ## lines, files, pictures and imports against what they may be
 	$(enter) python3 -m tests.structure.sizes
 
-docs: ## write docs/parameters.md anew from the files in forms/
+docs: ## write docs/parameters.md anew and build the documentation site: build/site/index.html
 	$(enter) wovenfab schema --effects > docs/parameters.md
+	$(enter) python3 -m sphinx -W --keep-going -q -E -d build/doctrees docs build/site
 
 bench: ## measure speed, as phases and ratios in one run
 	$(enter) python3 -m benchmarks

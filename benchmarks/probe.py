@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from wovenfab.study.runner import Command, Ended, execute_all
+from wovenfab.study.runner import Command, Ended, execute_all, here
 
 CASE = Path(__file__).parents[1] / "configs" / "bias-1x3.yaml"
 
@@ -48,7 +48,7 @@ def samples(overrides: Sequence[Sequence[str]], ranks: int = 1, case: Path = CAS
     """Run a case with several sets of overrides at the same time."""
     commands = [Command(["-m", "benchmarks.probe", str(case), *o], ranks) for o in overrides]
     ended: dict[int, Ended] = {}
-    execute_all(commands, jobs=len(commands), on_end=ended.__setitem__)
+    execute_all(commands, here(len(commands)), on_end=ended.__setitem__)
     for index, of_run in ended.items():
         if of_run.failure:
             raise RuntimeError(f"{' '.join(overrides[index])} failed: {of_run.errors[-2000:]}")

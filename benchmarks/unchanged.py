@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import SUMMARY
-from wovenfab.study.runner import Command, execute_all
+from wovenfab.study.runner import Command, execute_all, here
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "unchanged"
@@ -88,7 +88,7 @@ def run_all(code: Path, cases: Sequence[Path], folder: Path, ranks: int) -> None
     failures = {}
     execute_all(
         commands,
-        jobs=max((os.cpu_count() or 1) // ranks, 1),
+        here(max((os.cpu_count() or 1) // ranks, 1)),
         on_end=lambda index, ended: failures.update({list(left)[index]: ended.failure}),
     )
     for directory, failure in failures.items():  # a run that stops early has results, too

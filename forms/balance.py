@@ -18,7 +18,7 @@ from typing import Any
 
 import ufl
 
-from forms.effect import Effect, Strain, Target, Term, Values, by_parameter
+from forms.effect import Effect, Strain, Term, Values
 from forms.kinematics import (
     Edge,
     Facet,
@@ -193,9 +193,12 @@ class Balance:
         return sum(t.weight * self._dissipated(t, point) for t in lossy) * self._dx
 
     def densities(self) -> dict[str, Any]:
-        """Return each effect's share of the potential's density inside the cells (J/m^2)."""
-        point = self._point(self.field)
-        return {t.effect.name: self._density(t, point) for t in self.terms}
+        """Return each effect's share of the potential's density inside the cells (J/m^2).
+
+        Those with internal variables are left out: they have values at their own points alone.
+        """
+        point, terms = self._point(self.field), [t for t in self.terms if not t.effect.memory]
+        return {t.effect.name: self._density(t, point) for t in terms}
 
     def residual(self, test: Any) -> Any:
         """Return the first variation of the potential (N) for a test field."""
@@ -290,54 +293,9 @@ class Balance:
             )
         return terms
 
-    def residual_by(self, target: Target, test: Any) -> Any | None:
-        """Return the derivative of the residual inside the sheet by a parameter (N by its unit)."""
-        return by_parameter(target, self.terms, lambda term: self._alone(term).residual(test))
-
-    def lines_residual_by(self, target: Target, family: int, field: Any, test: Any) -> Any | None:
-        """Return the same of what stands on facets and edges, for one family."""
-
-        def form(term: Term) -> Any | None:
-            lines = self._alone(term).lines(family, field)
-            return sum(line.residual(test) for line in lines) if lines else None
-
-        return by_parameter(target, self.terms, form)
-
-    def residual_along(self, directions: Sequence[Any], test: Any) -> Any | None:
-        """Return how the residual changes along fields of the earlier states, one for each."""
-        lossy = self._with_rates()
-        if lossy is None:
-            return None
-        assert self.rate is not None
-        form = lossy.residual(test)
-        pairs = zip(self.rate.history, directions, strict=True)
-        return sum(ufl.derivative(form, state, along) for state, along in pairs)
-
-    def power_by(self, target: Target) -> Any | None:
-        """Return the derivative of the dissipated power by a parameter (W by its unit)."""
-        return by_parameter(target, self.terms, lambda term: self._alone(term).power())
-
-    def power_along(self, now: Any, directions: Sequence[Any]) -> Any | None:
-        """Return how the dissipated power (W) changes along fields of all states.
-
-        Args:
-            now: Change of the present state.
-            directions: Changes of the earlier ones.
-        """
-        power = self.power()
-        if power is None:
-            return None
-        assert self.rate is not None
-        pairs = zip((self.field, *self.rate.history), (now, *directions), strict=True)
-        return sum(ufl.derivative(power, state, along) for state, along in pairs)
-
-    def _alone(self, term: Term) -> Balance:
+    def alone(self, term: Term) -> Balance:
         """Return the balance of one effect, without loads."""
         return replace(self, terms=(term,), loads=())
-
-    def _with_rates(self) -> Balance | None:
-        terms = tuple(t for t in self.terms if t.effect.dissipation is not None)
-        return replace(self, terms=terms, loads=()) if terms else None
 
 
 def _bound(function: Any, values: Values) -> Callable[[Any], Any]:

@@ -52,7 +52,13 @@ EFFECT = Effect(
     name="bending",
     summary="In-plane bending of the yarns, a second-gradient energy, paper eqs. (2) and (5)",
     parameters=(
-        Parameter("stiffness", "N*m", "bending stiffness K_b of a family", per_family=True),
+        Parameter(
+            "stiffness",
+            "N*m",
+            "bending stiffness K_b of a family",
+            per_family=True,
+            usual=(1e-8, 1e5),
+        ),
     ),
     needs=Needs(second_gradient=True),
     strains=strains,

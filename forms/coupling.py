@@ -18,7 +18,7 @@ def energy(point: Point, values: Values) -> Any:
 EFFECT = Effect(
     name="coupling",
     summary="Elastic tie between the two yarn families, paper eqs. (2) and (6)",
-    parameters=(Parameter("stiffness", "N/m^3", "coupling stiffness K_c"),),
+    parameters=(Parameter("stiffness", "N/m^3", "coupling stiffness K_c", usual=(1e3, 1e13)),),
     needs=Needs(placements=2),
     energy=energy,
     resists=frozenset({"slipping"}),

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from math import inf
 from typing import Any
 
 import ufl
@@ -34,6 +35,7 @@ class Parameter:
         default: Value in the SI unit where a case gives none; None if it must.
         above: Lower bound in the SI unit that is not reached itself, such as 1 for a
             power; None for the bound that ``zero_allowed`` implies.
+        usual: Values outside are asked back, since a unit is probably wrong; zero is not.
     """
 
     name: str
@@ -43,6 +45,7 @@ class Parameter:
     zero_allowed: bool = True
     default: float | None = None
     above: float | None = None
+    usual: tuple[float, float] = (0.0, inf)
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,29 @@ class Bound:
 
 
 @dataclass(frozen=True)
+class InternalVariable:
+    """What an effect remembers at a point, such as the sliding so far.
+
+    The functions of the effect find it among the values by its name. In a step that is its value
+    at the start, so that a potential stays one of the present state, with a symmetric tangent.
+
+    Attributes:
+        name: Key among the values.
+        unit: SI unit, as of a parameter.
+        meaning: One line.
+        update: Its value at the end of an accepted step, a scalar, from the points at its end and
+            at its start, the values, and its length (s).
+        initial: Value at the start of a run.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    update: Callable[[Point, Point, Values, Any], Any]
+    initial: float = 0.0
+
+
+@dataclass(frozen=True)
 class Effect:
     """One effect of the model, or one law of it.
 
@@ -138,6 +164,7 @@ class Effect:
             gets this one.
         facet_strains: Terms of the stored energy per length (J/m) of an interior facet.
         edge_strains: The same on an edge where the yarn directions are held.
+        memory: The internal variables that its functions inside the sheet may depend on.
         resists: What the effect keeps from moving freely, of ``"stretching"``,
             ``"shearing"``, ``"curving"`` and ``"slipping"``; scenes that leave too much
             free are refused.
@@ -156,6 +183,7 @@ class Effect:
     laws: tuple[Effect, ...] = ()
     facet_strains: Callable[[Facet, Values], tuple[Strain, ...]] | None = None
     edge_strains: Callable[[Edge, Values], tuple[Strain, ...]] | None = None
+    memory: tuple[InternalVariable, ...] = ()
     resists: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
@@ -179,6 +207,8 @@ class Effect:
             raise ValueError(f"effect {self.name!r}: each of its laws needs a word of its own")
         if any(one.name != self.name or one.laws for one in self.laws):
             raise ValueError(f"effect {self.name!r}: its laws are effects of the same name")
+        if self.memory and (self.facet_strains or self.edge_strains):
+            raise ValueError(f"effect {self.name!r}: a memory is inside the sheet, not on facets")
 
     @property
     def all_laws(self) -> tuple[Effect, ...]:
@@ -194,6 +224,16 @@ class Effect:
     def dissipative(self) -> bool:
         """Whether the effect loses energy or stores it."""
         return self.dissipation is not None or self.set_valued
+
+    @property
+    def releases(self) -> bool:
+        """Whether it stores energy that is lost as internal variables change, as by damage."""
+        return bool(self.memory) and not self.dissipative
+
+    @property
+    def loses(self) -> bool:
+        """Whether it loses energy in any way."""
+        return self.dissipative or self.releases
 
     def stored(self, point: Point, values: Values) -> Any:
         """Return the stored energy density (J/m^2) at ``point``; zero if dissipative."""
@@ -275,3 +315,9 @@ def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any 
     named = {**term.values, target.parameter: tuple(values) if per_family else values[0]}
     total = form(replace(term, values=named))
     return None if total is None else ufl.diff(total, change)
+
+
+def along_fields(form: Any, changes: Sequence[tuple[Any, Any]]) -> Any:
+    """Return how a form, or an expression, changes; pairs are of a field and its change."""
+    zero = ufl.zero(*form.ufl_shape) if isinstance(form, ufl.core.expr.Expr) else ufl.Form([])
+    return sum((ufl.derivative(form, field, change) for field, change in changes), zero)

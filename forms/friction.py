@@ -8,13 +8,14 @@ law, where tau is no function of b, and the sound way for a steep one.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import ufl
 
 from forms.balance import Balance
-from forms.effect import Bound, Target, Term, Values, by_parameter
+from forms.effect import Bound, Term, Values
 from forms.kinematics import Point, point_of, point_variation
 from forms.variation import first_variation, second_variation
 
@@ -40,18 +41,23 @@ def smoothed_coulomb(rate: Any, strength: Any, slope: Any) -> Any:
     return strength / slope * log_cosh(slope * rate)
 
 
+def smooth_bound(strength: Callable[[Values], Any]) -> Bound:
+    """Return the smooth law from the stress, with a strength zeta and a slope eta of the values."""
+    return Bound(strength, partial(_creep, strength))
+
+
+def _creep(strength: Callable[[Values], Any], stress: Any, values: Values) -> Any:
+    """Return the rate artanh(stress/zeta)/eta."""
+    zeta = strength(values)
+    return ufl.ln((zeta + stress) / (zeta - stress)) / (2 * values["slope"])
+
+
 def _strength(values: Values) -> Any:
     return values["strength"]
 
 
-def _creep(stress: Any, values: Values) -> Any:
-    """Return the rate artanh(stress/zeta)/eta."""
-    zeta = values["strength"]
-    return ufl.ln((zeta + stress) / (zeta - stress)) / (2 * values["slope"])
-
-
 #: The smooth law from the stress, and Coulomb's: no rate below the strength, any at it.
-SMOOTH, COULOMB = Bound(_strength, _creep), Bound(_strength)
+SMOOTH, COULOMB = smooth_bound(_strength), Bound(_strength)
 
 
 @dataclass(frozen=True)
@@ -118,6 +124,13 @@ class PointFriction:
         slopes = [ufl.diff(b, t) for b, t in zip(creeps, stresses, strict=True)]
         return ufl.as_vector([*creeps, *slopes])
 
+    def excess(self) -> Any:
+        """Return b less the creep below the bound, a vector."""
+        increment, creep = self.increment(), self.creep()
+        if creep is None:
+            return increment
+        return increment - ufl.as_vector([creep[i] for i in range(self.size)])
+
     def loss(self) -> Any:
         """Return the energy (J) that a set-valued law dissipates in the step.
 
@@ -126,41 +139,6 @@ class PointFriction:
         """
         lengths = sum(abs(b) for b in self._components(self._increment()))
         return self.term.weight * self.strength() * lengths * self._dx
-
-    def strength_by(self, target: Target) -> Any | None:
-        """Return the derivative of a point friction's largest stress by a parameter, a scalar."""
-        return by_parameter(target, [self.term], lambda t: replace(self, term=t).strength())
-
-    def creep_by(self, target: Target) -> Any | None:
-        """Return that of its creep, shape (components,); None for a set-valued law."""
-        size = self.size
-
-        def creep(term: Term) -> Any | None:
-            return replace(self, term=term).creep()
-
-        whole = by_parameter(target, [self.term], creep)
-        return None if whole is None else ufl.as_vector([whole[i] for i in range(size)])
-
-    def increment_along(self, directions: Sequence[Any]) -> Any:
-        """Return how the increment b changes along fields of the earlier states, a vector."""
-        assert self.balance.rate is not None
-        pairs = zip(self.balance.rate.history, directions, strict=True)
-        increment = self.increment()
-        return sum(
-            (ufl.derivative(increment, state, along) for state, along in pairs),
-            ufl.zero(increment.ufl_shape),
-        )
-
-    def loss_by(self, target: Target) -> Any | None:
-        """Return the derivative of the energy that a set-valued law dissipates in the step."""
-        return by_parameter(target, [self.term], lambda t: replace(self, term=t).loss())
-
-    def loss_along(self, now: Any, directions: Sequence[Any]) -> Any:
-        """Return how that energy (J) changes along fields of all states."""
-        balance = self.balance
-        assert balance.rate is not None
-        pairs = zip((balance.field, *balance.rate.history), (now, *directions), strict=True)
-        return sum(ufl.derivative(self.loss(), state, along) for state, along in pairs)
 
     @property
     def _bound(self) -> Any:

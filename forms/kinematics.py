@@ -136,12 +136,12 @@ def norm(v: Any) -> Any:
 
 
 def stretch(f: Any) -> Any:
-    """Return the fibre stretch |f| - 1, eq. (3)."""
+    """Return the fibre stretch ``|f| - 1``, eq. (3)."""
     return norm(f) - 1
 
 
 def tangent(f: Any) -> Any:
-    """Return the unit tangent e = f/|f| of the current fibre."""
+    """Return the unit tangent ``e = f/|f|`` of the current fibre."""
     return f / norm(f)
 
 

@@ -27,7 +27,7 @@ EFFECT = Effect(
     name="power_shear",
     summary="Shear by a power of the angle, as in pantographic sheets (Maurin et al. 2019)",
     parameters=(
-        Parameter("stiffness", "N/m", "shear stiffness K"),
+        Parameter("stiffness", "N/m", "shear stiffness K", usual=(0.01, 1e6)),
         Parameter("power", "1", "exponent n of |gamma|", above=1.0),
     ),
     energy=energy,

@@ -16,7 +16,7 @@ def energy(point: Point, values: Values) -> Any:
 EFFECT = Effect(
     name="shear",
     summary="Shear with a barrier against overlapping yarns, paper eqs. (2) and (4)",
-    parameters=(Parameter("stiffness", "N/m", "shear stiffness K_s"),),
+    parameters=(Parameter("stiffness", "N/m", "shear stiffness K_s", usual=(0.01, 1e6)),),
     energy=energy,
     resists=frozenset({"shearing"}),
 )

@@ -22,7 +22,9 @@ def dissipation(rate: Any, values: Values) -> Any:
     return smoothed_coulomb(rate, values["strength"], values["slope"])
 
 
-STRENGTH = Parameter("strength", "N/m", "largest friction torque per area zeta_spin")
+STRENGTH = Parameter(
+    "strength", "N/m", "largest friction torque per area zeta_spin", usual=(1e-3, 1e5)
+)
 
 EFFECT = Effect(
     name="spin_friction",

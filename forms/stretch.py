@@ -15,7 +15,13 @@ EFFECT = Effect(
     name="stretch",
     summary="Elastic stretch of the yarns, paper eqs. (2) and (3)",
     parameters=(
-        Parameter("stiffness", "N/m", "extensional stiffness K_e of a family", per_family=True),
+        Parameter(
+            "stiffness",
+            "N/m",
+            "extensional stiffness K_e of a family",
+            per_family=True,
+            usual=(10.0, 1e11),
+        ),
     ),
     strains=strains,
     resists=frozenset({"stretching"}),

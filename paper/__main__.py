@@ -18,6 +18,7 @@ from wovenfab.cli.app import Jobs, Overrides, guarded
 from wovenfab.cli.console import INTERRUPTED, Console
 from wovenfab.cli.studies import exit_code, run_members
 from wovenfab.record.results import Provenance, of_summary, this_process, write_whole
+from wovenfab.study.cluster import Cluster
 
 
 def make_paper(
@@ -37,7 +38,7 @@ def make_paper(
     """
     campaign, console = campaign_of(folder, overrides), Console()
     try:
-        runs = run_members(campaign.members, output, jobs, console)
+        runs = run_members(campaign.members, output, Cluster(jobs=jobs), console)
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({output} has what is done)")
         return INTERRUPTED

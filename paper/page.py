@@ -104,8 +104,8 @@ def _chosen(campaign: Campaign) -> Mapping[str, Any]:
     assert isinstance(frequency, Cycles)
     return {
         "amplitudes_m": list(velocity.amplitudes),
-        "velocity_m_s": velocity.max_velocity,
-        "frequency_Hz": frequency.frequency,
+        "velocity_m_s": (velocity.max_velocity or ())[0],
+        "frequency_Hz": (frequency.frequency or ())[0],
     }
 
 

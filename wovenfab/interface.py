@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
-from wovenfab.record.results import FINISHED, ResultsDirectory
+from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
 from wovenfab.simulation.checkpoint import load_checkpoint, require_same
 from wovenfab.simulation.from_case import sheet_of
@@ -235,6 +235,8 @@ def execute(
         OSError: If the directory cannot be written.
     """
     listener, watch, checkpoint = listener or Listener(), watch or Stopwatch(), None
+    for line in case.remarks():
+        listener.say(line)
     with ExitStack() as stack:
         place = None
         if directory is not None:
@@ -276,8 +278,6 @@ def execute(
 
             summary = report_errors(errors, summary, directory, listener.say)
         if directory is not None and case.output.pictures and not outcome.signal:
-            from wovenfab.report import draw_in_subprocess
-
             warning = draw_in_subprocess(directory, comm).warning
             if warning is not None:
                 listener.say(f"warning: {warning}")
@@ -346,4 +346,4 @@ def read_results(directory: str | Path) -> Run:
 
 
 def _has_unit(name: str) -> bool:
-    return name.rpartition("_")[2] in {"s", "m", "N", "J"}
+    return name.rpartition("_")[2] in {"s", "m", "N", "J", "rad"}

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import pickle
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,6 +17,8 @@ if TYPE_CHECKING:
 _RANK_VARIABLES = ("OMPI_", "PMIX_", "PMI_", "PRTE_", "HYDRA_", "HYDI_", "MPI_", "SLURM_")
 #: Variables that say where Python finds modules.
 PYTHON_PATHS = "PYTHONPATH", "PYTHONSAFEPATH"
+#: The system's call that asks for a signal at the end of the parent (prctl(2)), and its option.
+_PRCTL, _PARENT_ENDS = getattr(ctypes.CDLL(None), "prctl", None), 1
 
 
 def world() -> MPI.Comm:
@@ -79,3 +83,12 @@ def child_environment() -> dict[str, str]:
     kept["PYTHONPATH"] = os.pathsep.join([here, *filter(None, [kept.get("PYTHONPATH")])])
     kept["PYTHONSAFEPATH"] = "1"
     return kept
+
+
+def end_with_parent() -> None:
+    """Let SIGTERM end this process as soon as the one that started it has ended, even by a kill.
+
+    The signal comes at the end of the thread that started this process. Linux only.
+    """
+    if _PRCTL:
+        _PRCTL(_PARENT_ENDS, signal.SIGTERM)

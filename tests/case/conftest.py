@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 
-EXAMPLE = Path(__file__).with_name("example.yaml")
+from tests.case.reading import EXAMPLE, WriteCase
 
 settings.register_profile("fixed", derandomize=True, deadline=None, database=None)
 settings.load_profile("fixed")
-
-WriteCase = Callable[[str], Path]
 
 
 @pytest.fixture

@@ -12,18 +12,11 @@ import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
-from wovenfab.case import (
-    Case,
-    CaseError,
-    Component,
-    EdgeCondition,
-    Expression,
-    conditions_of,
-    read_case,
-)
+from tests.case.reading import EXAMPLE, again, told
+from wovenfab.case import Component, EdgeCondition, Expression, conditions_of, read_case
 from wovenfab.case.boundary import free_motion
 
-BAD = YAML(typ="safe").load(Path(__file__).with_name("bad_edges.yaml"))
+BAD = YAML(typ="safe").load(EXAMPLE.with_name("bad_edges.yaml"))
 FREE = Component(held=False)
 HELD = Component()
 PULL = "left: {displacement: [0, free]}\nright: {displacement: [program, 0]}"
@@ -44,12 +37,6 @@ def with_edges(example: str, write_case: Callable[[str], Path]) -> Change:
         return write_case(text)
 
     return write
-
-
-def told(path: Path) -> str:
-    with pytest.raises(CaseError) as caught:
-        read_case(path)
-    return str(caught.value)
 
 
 def test_families_are_held_apart(with_edges: Change) -> None:
@@ -207,12 +194,6 @@ def test_one_family_alone_may_hold_its_directions(with_edges: Change) -> None:
     assert case.needs.placements == 1
 
 
-def _again(case: Case, folder: Path) -> Case:
-    path = folder / "again.yaml"
-    path.write_text(case.to_yaml(), encoding="utf-8")
-    return read_case(path)
-
-
 @pytest.mark.parametrize(
     "edges",
     [
@@ -227,7 +208,7 @@ def test_edges_are_written_and_read_as_the_same(
     edges: str, with_edges: Change, tmp_path: Path
 ) -> None:
     case = read_case(with_edges(edges))
-    assert _again(case, tmp_path).boundary == case.boundary
+    assert again(case, tmp_path).boundary == case.boundary
 
 
 CLAMPED = EdgeCondition.model_validate("clamp")

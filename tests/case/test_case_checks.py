@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from mpi4py import MPI
 from ruamel.yaml import YAML
 
 from tests import scenes
+from tests.case.reading import WriteCase
 from wovenfab.case import CaseError, read_case
 from wovenfab.simulation.from_case import constraints_of, model_of, sheet_of
 
@@ -27,7 +27,6 @@ EFFECTS = {
     "slip_friction": "{strength: 199.2 kN/m^2, slope: 70 s/m}",
     "spin_friction": "{strength: 30 N/m, slope: 40 s}",
 }
-WriteCase = Callable[[str], Path]
 
 
 def case_of(names: list[str]) -> str:

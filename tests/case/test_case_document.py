@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from wovenfab.case import CaseError, Cycles, read_case
-
-WriteCase = Callable[[str], Path]
-
-
-def _told(path: Path, *overrides: str) -> str:
-    with pytest.raises(CaseError) as caught:
-        read_case(path, overrides)
-    return str(caught.value)
+from tests.case.reading import WriteCase, told
+from wovenfab.case import Cycles, read_case
 
 
 @pytest.mark.parametrize(
@@ -46,7 +38,7 @@ def test_what_is_no_text_file_is_named(
     path: str, content: bytes | None, says: str, write_case: WriteCase
 ) -> None:
     write_case("").write_bytes(content or b"")
-    assert _told(Path(path)) == says
+    assert told(Path(path)) == says
 
 
 def test_a_byte_order_mark_does_no_harm(example: str, write_case: WriteCase) -> None:
@@ -55,9 +47,9 @@ def test_a_byte_order_mark_does_no_harm(example: str, write_case: WriteCase) -> 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "---\n"])
 def test_an_empty_file_says_where_to_start(text: str, write_case: WriteCase) -> None:
-    told = _told(write_case(text))
-    assert told.startswith("case.yaml")
-    assert "the file is empty" in told or "got nothing" in told
+    says = told(write_case(text))
+    assert says.startswith("case.yaml")
+    assert "the file is empty" in says or "got nothing" in says
 
 
 @pytest.mark.parametrize(
@@ -74,12 +66,12 @@ def test_an_empty_file_says_where_to_start(text: str, write_case: WriteCase) -> 
     ],
 )
 def test_huge_nesting_is_refused(text: str, write_case: WriteCase) -> None:
-    assert "lists or mappings are nested too deeply" in _told(write_case(text))
+    assert "lists or mappings are nested too deeply" in told(write_case(text))
 
 
 def test_numbers_that_python_cannot_read_are_named(example: str, write_case: WriteCase) -> None:
-    told = _told(write_case(example.replace("degree: 3", f"degree: {'9' * 5000}")))
-    assert told == "case.yaml:21: discretisation.degree: this number cannot be read."
+    says = told(write_case(example.replace("degree: 3", f"degree: {'9' * 5000}")))
+    assert says == "case.yaml:21: discretisation.degree: this number cannot be read."
 
 
 def test_numbers_mean_the_same_in_yaml_1_1_and_1_2(example: str, write_case: WriteCase) -> None:
@@ -92,7 +84,7 @@ def test_numbers_mean_the_same_in_yaml_1_1_and_1_2(example: str, write_case: Wri
 def test_aliases_and_anchors_are_read(example: str, write_case: WriteCase) -> None:
     text = example.replace("left: clamp", "left: &grip clamp\n  right: *grip", 1)
     text = text.replace("  right: {displacement: [program, 0]}\n", "")
-    assert "no edge uses the program" in _told(write_case(text))
+    assert "no edge uses the program" in told(write_case(text))
 
 
 def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase) -> None:
@@ -117,55 +109,6 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
     assert case.sheet.fibres[0] == 0
     assert case.solver.petsc == {"snes_type": "newtontr"}
     assert case.output.every == 3
-
-
-@pytest.mark.parametrize(
-    ("override", "told"),
-    [
-        (
-            "effects.shear.stiffness=5 mN",
-            "--set effects.shear.stiffness: expected a force per length such as '400 N/m', "
-            "got 'mN'.",
-        ),
-        (
-            "effects.shear.stifness=5",
-            "--set effects.shear.stifness: unknown key. Did you mean 'stiffness'?",
-        ),
-        (
-            "effects.spin_friction.strength=30",
-            "--set effects.spin_friction.slope: missing. For example 'slope: 2 s'.",
-        ),
-        (
-            "program.amplitudes.7=1",
-            "--set program.amplitudes.7: there is no such key, for program.amplitudes is a list "
-            "of 3, counted from 0.",
-        ),
-        (
-            "effects.shear.stiffness.x=1",
-            "--set effects.shear.stiffness.x: there is no such key, for "
-            "effects.shear.stiffness is a plain value.",
-        ),
-        (
-            "time.scheme=[1",
-            "--set time.scheme: this is not valid YAML: while parsing a flow sequence, "
-            "expected ',' or ']', but got '<stream end>'.",
-        ),
-        (
-            "effects.shear.stiffness",
-            "--set: expected 'key=value', got 'effects.shear.stiffness'. For example --set "
-            "time.steps_per_cycle=160.",
-        ),
-    ],
-)
-def test_errors_of_overrides_name_the_override(
-    override: str, told: str, example: str, write_case: WriteCase
-) -> None:
-    assert _told(write_case(example), override) == told
-
-
-def test_a_case_that_is_no_mapping_takes_no_override(write_case: WriteCase) -> None:
-    told = _told(write_case("hello"), "time.scheme=bdf2")
-    assert told == "--set time: there is no such key, for the case is a plain value."
 
 
 def test_an_overridden_error_of_the_file_is_no_error(example: str, write_case: WriteCase) -> None:

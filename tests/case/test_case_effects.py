@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 import forms
-from forms.effect import Effect, Needs, Parameter
-from wovenfab.case import CaseError, SceneEffect, read_case
-from wovenfab.case.effects import Scene, Values, acting, lacking, needs_of_scene
+from forms.effect import Needs
+from wovenfab.case import CaseError, read_case
+from wovenfab.case.effects import Scene, SceneEffect, Values, acting, lacking, needs_of_scene
 
 
 def scene_of(*names: str, **values: Values) -> Scene:
@@ -50,28 +50,3 @@ def test_bending_alone_needs_edges_that_hold_both_families(
     text = text.replace("[program, 0]", "[program, free]")
     with pytest.raises(CaseError, match="shear uniformly"):
         read_case(write_case(text))
-
-
-def test_a_new_effect_is_a_key_without_another_edit(
-    example: str, write_case: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drag = Effect(
-        name="drag",
-        summary="Something new",
-        parameters=(Parameter("factor", "N*s/m^3", "how much", zero_allowed=False),),
-        needs=Needs(placements=2, rate=True),
-        dissipation=lambda rate, values: rate,
-        measure=lambda point: point,
-        resists=frozenset({"slipping"}),
-    )
-    known = {**forms.effects(), "drag": drag}
-    monkeypatch.setattr(forms, "effects", lambda: known)
-    old = "coupling: {stiffness: 6.0e7 N/m^3}"
-    case = read_case(write_case(example.replace(old, "drag: {factor: 3 kN*s/m^3}")))
-    assert case.effects["drag"] == {"factor": 3000.0}
-    with pytest.raises(CaseError) as caught:
-        read_case(write_case(example.replace(old, "drag: {factor: 0 N/m}")))
-    assert str(caught.value) == (
-        "case.yaml:11: effects.drag.factor: expected a value in N*s/m^3 such as '1 N*s/m^3', "
-        "got 'N/m'."
-    )

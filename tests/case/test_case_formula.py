@@ -12,9 +12,13 @@ import ufl
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wovenfab.case import NUMPY_FUNCTIONS, REQUIRED_FUNCTIONS, Expression
 from wovenfab.case.errors import FormulaError
-from wovenfab.case.formula import is_formula
+from wovenfab.case.formula import (
+    NUMPY_FUNCTIONS,
+    REQUIRED_FUNCTIONS,
+    Expression,
+    is_formula,
+)
 from wovenfab.simulation.from_case import UFL_FUNCTIONS
 
 AT = {"x": 0.2, "y": 0.5, "program": 0.03}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.case.reading import WriteCase
 from wovenfab.case import (
     Case,
     CaseError,
@@ -24,7 +24,6 @@ from wovenfab.case import (
     read_case,
 )
 
-WriteCase = Callable[[str], Path]
 #: What example.yaml says.
 SECTIONS: dict[str, Any] = {
     "title": "Bias extension",
@@ -78,9 +77,9 @@ def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: Wr
             "sheet.length: expected a length such as '40 mm', got 's'.",
             "sheet.width: missing. For example 'width: 0.30 m'.",
             "sheet.fibres: missing. For example 'fibres: [45 deg, -45 deg]'."]),
-        ({"time": {"scheme": "bdf3"}, "titel": ""}, [
-            "time.scheme: expected 'bdf2', 'backward-euler' or 'midpoint', got 'bdf3'. "
-            "Did you mean 'bdf2'?", "titel: unknown key. Did you mean 'title'?"]),
+        ({"time": {"scheme": "bdf4"}, "titel": ""}, [
+            "time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'. "
+            "Did you mean 'bdf3'?", "titel: unknown key. Did you mean 'title'?"]),
         ({"boundary": {"lft": "clamp"}}, [
             "boundary.lft: unknown edge. Did you mean 'left'? The edges are left, right, bottom, "
             "top.",

@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 
 import forms
-from wovenfab.case import json_schema
+from tests.case.reading import WriteCase
+from wovenfab.case import json_schema, read_case
 
 NewFile = Callable[[str, str], None]
 DRAG = """\
@@ -88,7 +89,9 @@ def test_every_parameter_has_its_unit_and_meaning() -> None:
             assert (value["anyOf"][0] if p.per_family else value)["unit"] == (p.unit or "1")
 
 
-def test_a_new_file_in_forms_is_in_the_schema_without_another_edit(new_file: NewFile) -> None:
+def test_a_new_file_in_forms_is_a_key_and_in_the_schema_without_another_edit(
+    new_file: NewFile, example: str, write_case: WriteCase
+) -> None:
     new_file("new_drag.py", DRAG)
     drag = json_schema()["$defs"]["drag"]
     assert drag["description"] == "Something new"
@@ -96,6 +99,10 @@ def test_a_new_file_in_forms_is_in_the_schema_without_another_edit(new_file: New
     assert drag["required"] == ["factor"]
     assert drag["properties"]["power"]["default"] == 2
     assert drag["properties"]["power"]["anyOf"][0]["exclusiveMinimum"] == 1
+    case = read_case(
+        write_case(example.replace("effects:", "effects:\n  drag: {factor: 3 kN*s/m^3}"))
+    )
+    assert case.effects["drag"] == {"factor": 3000.0, "power": 2.0}
 
 
 def test_two_files_with_the_same_effect_are_refused(new_file: NewFile) -> None:

@@ -12,7 +12,7 @@ import pytest
 from petsc4py import PETSc
 
 from tests.cli.test_commands import CASE, rows, wovenfab
-from wovenfab.cli.console import was_interrupted
+from wovenfab.simulation.progress import signal_behind
 
 
 def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
@@ -25,9 +25,9 @@ def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
     snes.setFunction(interrupted, vector.duplicate())
     with pytest.raises(PETSc.Error) as caught:
         snes.solve(None, vector)
-    assert was_interrupted(caught.value)
-    assert was_interrupted(KeyboardInterrupt())
-    assert not was_interrupted(PETSc.Error(76))
+    assert signal_behind(caught.value)
+    assert signal_behind(KeyboardInterrupt())
+    assert not signal_behind(PETSc.Error(76))
     snes.destroy()
 
 

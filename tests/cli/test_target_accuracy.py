@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import read_case
-from wovenfab.cli.run import Options, run_case
+from wovenfab.cli.run import run_case
 from wovenfab.study.target_accuracy import plan as pilot
 
 CASE = Path(__file__).parents[2] / "configs" / "elastic-1x3.yaml"
@@ -20,7 +20,7 @@ def test_a_run_tells_at_once_what_cannot_be_reached_and_goes_on(
 ) -> None:
     monkeypatch.setattr(pilot, "memory_of_machine", lambda: 2e8)
     overrides = "accuracy=0.001 %", "discretisation=null", f"program={SMALL}"
-    code = run_case(CASE, tmp_path, [*overrides, "output.pictures=false"], Options(overwrite=True))
+    code = run_case(CASE, tmp_path, [*overrides, "output.pictures=false"], overwrite=True)
     said = capsys.readouterr().out
     warning = "warning: the accuracy of 0.001 % is not reached: the next finer elements have"
     assert code == 0

@@ -5,14 +5,19 @@ from __future__ import annotations
 import re
 import subprocess
 import tomllib
+from importlib.metadata import packages_distributions, version
 from pathlib import Path
 
 import pytest
+from packaging.requirements import Requirement
 
 from tests.environment.conftest import PROJECT
+from tests.structure.test_layers import SOURCES, imports
 
 LINES = (PROJECT / "env" / "packages.txt").read_text().splitlines()
 PACKAGES = [line.split("#")[0].strip() for line in LINES if line.split("#")[0].strip()]
+#: What comes with a package that is named.
+PARTS = {"pydantic_core", "pydantic-core", "markupsafe", "ruamel.yaml.clib"}
 
 
 def test_every_package_has_its_reason() -> None:
@@ -43,6 +48,18 @@ def test_pip_is_asked_for_no_dependency() -> None:
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
     assert "dependencies" not in project
     assert "dependencies" not in project.get("dynamic", [])
+
+
+def test_what_the_wheel_says_it_needs_is_there_and_is_all_that_the_code_imports() -> None:
+    project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    wanted = [Requirement(text) for extra in extras.values() for text in extra]
+    for one in wanted:
+        assert one.specifier.contains(version(one.name), prereleases=True), one
+    by_module = packages_distributions()
+    used = {m.partition(".")[0] for path in SOURCES for m in imports(path)} - {"dask_jobqueue"}
+    needed = {name.lower() for module in used for name in by_module.get(module, [])}
+    assert needed - {one.name for one in wanted} <= PARTS | {"wovenfab"}
 
 
 @pytest.mark.mpi

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.test_commands import wovenfab
 from wovenfab.parallel import child_environment
 
 ROOT = Path(__file__).parents[2]
@@ -17,15 +18,9 @@ HARD = ["program={type: ramp, to: 150 mm, steps: 1}", "discretisation.mesh_size=
 
 
 def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "wovenfab", "run", str(ROOT / "configs" / "elastic-1x3.yaml")]
+    case = ROOT / "configs" / "elastic-1x3.yaml"
     changes = [word for text in (*HARD, "output.pictures=false") for word in ("--set", text)]
-    return subprocess.run(
-        [*command, *changes, "-o", str(folder / "run"), "--overwrite", *options],
-        env=child_environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    return wovenfab("run", case, *changes, "-o", "run", "--overwrite", *options, cwd=folder)
 
 
 def test_nothing_is_logged_unless_asked_for(tmp_path: Path) -> None:
@@ -54,7 +49,7 @@ def test_a_file_that_cannot_be_written_is_one_message_before_anything_is_done(
 
 
 def test_the_package_has_no_handler_until_one_is_configured() -> None:
-    code = "import logging, wovenfab.log; print(logging.getLogger('wovenfab').handlers)"
+    code = "import logging, wovenfab.cli.console; print(logging.getLogger('wovenfab').handlers)"
     ended = subprocess.run(
         [sys.executable, "-c", code], env=child_environment(), capture_output=True, text=True
     )

@@ -17,6 +17,7 @@ from paper.elements import compare, finding
 from paper.figures import CYCLE, FIGURES
 from paper.page import ERRORS, LOOPS, YARNS, page
 from wovenfab.report.style import read_provenance
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep
 
@@ -143,7 +144,7 @@ def test_elements_that_cannot_jump_are_too_stiff(paper: Path, first: tuple[Path,
 
 
 def test_a_second_time_nothing_is_computed(paper: Path, first: tuple[Path, str]) -> None:
-    runs = sweep(campaign_of(paper).members, first[0], 1, lambda *_: None)
+    runs = sweep(campaign_of(paper).members, first[0], Cluster(), lambda *_: None)
     assert [run.state for run in runs] == ["unchanged"] * 31
     other = campaign_of(paper, ["effects.shear.stiffness=401"]).members[0]
     assert fingerprint(other.case) not in (first[0] / other.name / ".fingerprint").read_text()

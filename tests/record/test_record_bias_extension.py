@@ -6,9 +6,8 @@ import pytest
 
 from tests.report.sample import WIDTH, make, turn_of
 from wovenfab.case import read_case
-from wovenfab.record.bias_extension import BiasExtension, bias_extension_of, mean_shear_angle
-from wovenfab.record.history import read_history
-from wovenfab.record.summary import read_cycles, write_cycles
+from wovenfab.record.history import BiasExtension, bias_extension_of, read_history
+from wovenfab.record.summary import mean_shear_angle, read_cycles, write_cycles
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SPECIMEN = BiasExtension(0.9, 0.3, 0, 1.0, 0.0)

@@ -3,7 +3,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from wovenfab.record.fields import Lattice
+from wovenfab.sheet.lattice import Lattice
 
 DEGREES = [1, 2, 3, 4]
 

@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
-from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import History, HistoryRows, read_history
 from wovenfab.record.results import open_results
 from wovenfab.record.summary import summarise, write_summary
+from wovenfab.sheet.lattice import Lattice
 from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]

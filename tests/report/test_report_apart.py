@@ -7,7 +7,7 @@ from mpi4py import MPI
 
 from tests.report.sample import make
 from wovenfab.parallel import child_environment
-from wovenfab.report import draw_in_subprocess
+from wovenfab.record.results import draw_in_subprocess
 
 
 def test_pictures_are_drawn_in_another_process(small: Path) -> None:

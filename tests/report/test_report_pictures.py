@@ -7,13 +7,14 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from tests.report.sample import make
-from wovenfab.record.fields import FieldSeries, Lattice, read_fields
+from wovenfab.record.fields import FieldSeries, read_fields
 from wovenfab.record.history import read_history
 from wovenfab.report.curves import loop
 from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.sheet import MODE_SIZE, deformed, mode
 from wovenfab.report.style import readable
+from wovenfab.sheet.lattice import Lattice
 
 
 def test_all_pictures_are_drawn_from_the_files_alone(two: Path, tmp_path: Path) -> None:

@@ -12,9 +12,8 @@ from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from wovenfab.record.results import Provenance, this_process
+from wovenfab.record.results import Provenance, draw_in_subprocess, this_process
 from wovenfab.record.summary import read_summary
-from wovenfab.report import draw_in_subprocess
 from wovenfab.report.run_data import origin_of
 from wovenfab.report.style import APART, fill, read_provenance, save, write_png
 

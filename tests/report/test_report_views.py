@@ -5,14 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.typing import NDArray
 
-from tests.report.sample import make, mesh
-from wovenfab.record.fields import Lattice, StoredFields, read_fields
+from tests.report.sample import make, mesh, on_lattices
+from wovenfab.record.fields import FieldSeries, StoredFields, read_fields
 from wovenfab.report.curves import cycle_figures, energies, loops, losses, parts, solver
 from wovenfab.report.run_data import key_times, largest, open_run_data
-from wovenfab.report.sheet import corners
 from wovenfab.report.style import house_style, main_field, scale_of
+from wovenfab.sheet.lattice import Lattice
 
 
 def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
@@ -107,11 +108,13 @@ def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4])
-def test_the_cells_are_those_of_the_mesh(degree: int) -> None:
+def test_the_cells_are_those_of_the_mesh(degree: int, tmp_path: Path) -> None:
     cells, lattice = mesh(0.15), Lattice(degree)
-    shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
-    points = np.einsum("pk,ckd->cpd", shape, cells).reshape(-1, 2)
-    np.testing.assert_allclose(corners(points, lattice.connectivity(len(cells))), cells)
+    points, numbers = on_lattices(lattice, cells), np.arange(len(cells))
+    FieldSeries(tmp_path, MPI.COMM_SELF, lattice, points, numbers, {})
+    stored = read_fields(tmp_path)
+    assert stored.lattice == lattice
+    np.testing.assert_allclose(stored.corners(), cells)
 
 
 def test_effects_without_energy_are_left_out() -> None:

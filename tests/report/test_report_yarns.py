@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from wovenfab.record.fields import Lattice
 from wovenfab.report.yarns import Triangles, lay_yarns, material_lines, outline
+from wovenfab.sheet.lattice import Lattice
 
 RISING = np.array([1.0, 1.0]) / np.sqrt(2)
 

@@ -43,6 +43,12 @@ CASES = {
     "midpoint": ("bias-1x3", "time.scheme=midpoint"),
     "backward Euler": ("bias-1x3", "time.scheme=backward-euler", "time.steps_per_cycle=20"),
     "stress at points": ("coulomb",),
+    "internal variables": ("../docs/examples/wear",),
+    "probes": (
+        "bias-1x3",
+        "output.probes={a: {type: point, at: [0.2, 0.1]}, c: {type: zone, centre: [0.45, 0.15], "
+        "radius: 0.1}, b: {type: line, ends: [[0, 0], [0.9, 0.3]]}}",
+    ),
     "kept factor": (
         *("bias-1x3", "discretisation.mesh_size=30mm", "discretisation.degree=3"),
         *("program.amplitudes=10 mm", "time.steps_per_cycle=12"),
@@ -85,7 +91,7 @@ def test_the_rows_are_those_of_a_run_that_never_stopped(name: str, tmp_path: Pat
     assert part.outcome.paused and until <= part.columns["time_s"][-1] < until + 0.05
     resumed = run(case, tmp_path / "parts", resume=True)
     assert_same(resumed, whole, 0.0)
-    for file in ("history.csv", "reactions.csv", "cycles.csv", "fields.xdmf"):
+    for file in ("history.csv", "reactions.csv", "cycles.csv", "lines.csv", "fields.xdmf"):
         if (tmp_path / "whole" / file).exists():
             texts = [(tmp_path / d / file).read_text().split("\n") for d in ("whole", "parts")]
             assert sorted(texts[0]) == sorted(texts[1]), file
@@ -117,6 +123,7 @@ def on_some_ranks(ranks: int, case: Case, directory: Path, **options: object) ->
     [
         ("slip and spin friction, adaptive", [(1, 3), (3, 2), (2, 4), (4, 1)]),
         ("stress at points", [(3, 4), (2, 1)]),
+        ("internal variables", [(1, 2), (2, 1)]),
         *(
             pytest.param(name, list(product(range(1, 5), repeat=2)), marks=pytest.mark.slow)
             for name in ("slip and spin friction, adaptive", "stress at points")
@@ -178,6 +185,7 @@ def test_a_finished_run_goes_on_with_a_longer_program(tmp_path: Path) -> None:
         ("discretisation.mesh_size=60 mm", "discretisation differs"),
         ("boundary.left=clamp_x", "boundary differs"),
         ("program.amplitudes=[12 mm, 20 mm]", "program before t = "),
+        ("output.probes={a: {type: point, at: [0, 0]}}", "other columns than this run would"),
     ],
 )
 def test_another_case_is_refused_in_words(override: str, differs: str, tmp_path: Path) -> None:
@@ -256,10 +264,15 @@ import resource, signal, sys
 from mpi4py import MPI
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, 2 * (int(sys.argv[1]),))
-sys.argv = ["wovenfab", "resume", sys.argv[2]]
+sys.argv = ["wovenfab", *sys.argv[2:]]
 from wovenfab.cli.app import main
 main()
 """
+
+
+def limited(room: int, *arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", LIMITED, str(room), *map(str, arguments)]
+    return subprocess.run(command, env=child_environment(), capture_output=True, text=True)
 
 
 @pytest.mark.parametrize(("room", "code"), [(1500, 2), (50_000, 4)])
@@ -271,14 +284,10 @@ def test_a_run_whose_disk_is_full_goes_on_once_there_is_room(
     whole = run(case, tmp_path / "whole")
     run(case, place, until=0.02)
     before = {name: (place / name).read_bytes() for name in (CHECKPOINT, "fields.h5")}
-    ended = subprocess.run(
-        [sys.executable, "-c", LIMITED, str(room), place],
-        env=child_environment(),
-        stderr=subprocess.PIPE,
-    )
+    ended = limited(room, "resume", place)
     assert ended.returncode == code
-    assert b"cannot be written: File too large" in ended.stderr
-    assert b"Traceback" not in ended.stderr
+    assert "cannot be written: File too large" in ended.stderr
+    assert "Traceback" not in ended.stderr
     assert before == {name: (place / name).read_bytes() for name in before}
     assert_same(run(case, place, resume=True), whole, 0.0)
 
@@ -288,13 +297,7 @@ def test_a_run_whose_disk_is_full_before_its_first_checkpoint_says_that_there_is
 ) -> None:
     path, place = tmp_path / "case.yaml", tmp_path / "out"
     path.write_text(small("bias-1x3", "output.every=1", "output.checkpoint=false").to_yaml())
-    limited = LIMITED.replace('"resume", sys.argv[2]]', '"run", *sys.argv[2:]]')
-    ended = subprocess.run(
-        [sys.executable, "-c", limited, "50000", path, "-o", place],
-        env=child_environment(),
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    ended = limited(50_000, "run", path, "-o", place)
     assert ended.returncode == 4
     assert "there was no checkpoint yet" in ended.stderr
     assert "resume" not in ended.stderr and "Traceback" not in ended.stderr

@@ -9,20 +9,21 @@ import pytest
 
 from tests import scenes
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES, end_weights, rate_error
+from wovenfab.stepping.schemes import SCHEMES, end_weights
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_error import rate_error
 from wovenfab.stepping.time_stepper import TimeStepper
 
 
-@pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.05, 0.2, 0.1)])
-def test_a_cubic_has_its_true_rate(steps: tuple[float, float, float]) -> None:
-    times = 0.7 - np.concatenate([[0.0], np.cumsum(steps)])
-    now, *states = (np.array([2 * t**3 - t**2 + 3 * t]) for t in times)
-    weights = end_weights(steps[0], steps[1])
+@pytest.mark.parametrize("steps", [(0.1, 0.1, 0.1), (0.05, 0.2, 0.1), (0.1, 0.2, 0.1, 0.3)])
+def test_a_polynomial_of_one_degree_more_has_its_true_rate(steps: tuple[float, ...]) -> None:
+    motion = np.polynomial.Polynomial([1.0, 3.0, -1.0, 2.0, 1.0][: len(steps) + 1])
+    now, *states = (np.array([motion(0.7 - age)]) for age in (0.0, *np.cumsum(steps)))
+    weights = end_weights(steps[:-1])
     rate = sum(w * s for w, s in zip(weights, (now, *states), strict=False))
-    true = 6 * 0.7**2 - 2 * 0.7 + 3
+    true = motion.deriv()(0.7)
     assert abs(rate - true) > 1e-3
-    assert rate + rate_error(now, states, steps[1:], steps[0]) == pytest.approx(true)
+    assert rate + rate_error(now, states, steps) == pytest.approx(true)
 
 
 def run(program: Program, tolerance: float | None) -> list[Step]:

@@ -28,6 +28,7 @@ USES = {
     "check": ["case.yaml"],
     "run": ["case.yaml"],
     "report": ["results/case"],
+    "export": ["results/case", "--last"],
     "resume": ["results/case", "--set", "program.steps=4", "--set", "output.pictures=false"],
     "sweep": ["case.yaml", "--over", "program.to=10 mm,20 mm", "--set", "output.pictures=false"],
     "effects": ["case.yaml", "--set", "output.pictures=false"],

@@ -13,7 +13,6 @@ LAYERS = (
     "forms",
     "wovenfab.parallel",
     "wovenfab.compat",
-    "wovenfab.log",
     "wovenfab.case",
     "wovenfab.sheet",
     "wovenfab.model",

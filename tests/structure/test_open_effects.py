@@ -62,7 +62,7 @@ def test_it_is_in_schema_checks_and_docs(tmp_path: Path) -> None:
     assert "| `crimp` | Shear with a barrier" in effects_page()
     path = tmp_path / "case.yaml"
     path.write_text(CASE)
-    told = describe(read_case(path), 1, 1)
+    told = describe(read_case(path), 1)
     assert "adding crimp or power_shear would bring its own terms only" in told
     path.write_text(CASE.replace("shear: {stiffness: 400 N/m}", "crimp: {stiffness: 400 m}"))
     with pytest.raises(CaseError, match=r"effects\.crimp\.stiffness: expected a .*per length"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import re
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from scipy.integrate import quad
 
 from benchmarks.accuracy_page import ROOT, STUDIES, Shown
 from tests import scenes
+from tests.cli.test_commands import rows
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.studies import study_accuracy
@@ -200,15 +200,13 @@ def test_the_command_stores_its_runs_and_prints_what_is_cheapest(
     assert study_accuracy(path, output, (), 1e-3) == 0
     printed = capfd.readouterr().out
     assert "left" in printed and "cheapest setting" in printed
-    with (output / "accuracy.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    assert rows and all(int(row["peak_memory_B"]) > 50e6 for row in rows)
-    assert all(float(row["peak_force_interpolated_N"]) > 0 for row in rows)
+    runs = rows(output, "accuracy")
+    assert runs and all(int(row["peak_memory_B"]) > 50e6 for row in runs)
+    assert all(float(row["peak_force_interpolated_N"]) > 0 for row in runs)
     assert (output / "accuracy-space.png").stat().st_size > 10_000
     assert study_accuracy(path, output, (), 1e-3) == 0
-    assert f"{len(rows)} of {len(rows)} runs were there already" in capfd.readouterr().out
-    with (output / "accuracy.csv").open() as stream:
-        assert list(csv.DictReader(stream)) == rows
+    assert f"{len(runs)} of {len(runs)} runs were there already" in capfd.readouterr().out
+    assert rows(output, "accuracy") == runs
 
 
 def test_an_interrupted_run_leaves_nothing_and_a_failed_one_its_reason(tmp_path: Path) -> None:

@@ -13,7 +13,6 @@ from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
-    planned_steps,
     prolongated,
     response_of,
     trial_of,
@@ -272,5 +271,5 @@ def test_steps_are_thinned_alike_in_all_segments() -> None:
     cycles = "{type: cycles, amplitudes: [20 mm], frequency: 1 Hz}"
     hold = "{type: hold, duration: 1 s, steps: 20}"
     case = case_of("bias-1x3", "time.steps_per_cycle=80", f"program=[{cycles}, {hold}]")
-    assert planned_steps(case) == 100
-    assert planned_steps(with_steps(case, 0.25)) == 25
+    assert case.planned_steps == 100
+    assert with_steps(case, 0.25).planned_steps == 25

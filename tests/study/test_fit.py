@@ -12,10 +12,13 @@ from time import sleep
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from tests.cli.test_commands import wovenfab
 from wovenfab.case import CaseError, read_case
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
-from wovenfab.study.fit.knowledge import in_words, knowledge, sign_runs
+from wovenfab.study.fit.knowledge import Knowledge, in_words, knowledge, sign_runs
 from wovenfab.study.fit.objective import Evaluation, Objective
 from wovenfab.study.fit.response import compared, computed
 from wovenfab.study.fit.search import offset, profile, search
@@ -39,6 +42,7 @@ parameters:
   stretch.stiffness: {start: 2e5 N/m}
 """
 REPEATS = 1000
+Array = NDArray[np.float64]
 TRUTH = {"shear.stiffness": 83.0, "stretch.stiffness": 1.4e5}
 
 
@@ -64,20 +68,27 @@ def curve_of(
     if noise:
         changes["program.steps"] = "60"
     made = computed(read_case(folder / "case.yaml", changes), [])
-    scatter = np.random.default_rng(seed).standard_normal(made.force.size)
-    force = made.force + noise * made.force.max() * scatter
     at = made.displacement + spring * made.force + slack
-    rows = [f"{1e3 * u!r},{f!r}" for u, f in zip(at.tolist(), force.tolist(), strict=True)]
-    return "\n".join(["u_mm,F_N", *rows]) + "\n"
+    return as_measured(at, made.force, noise, seed)
 
 
-def found(fit: Fit, folder: Path) -> tuple[dict[str, float], Evaluation, float]:
-    """Return values, what they give, and the work: a coarse run has a quarter of the cells."""
+def as_measured(displacement: Array, force: Array, noise: float = 0.0, seed: int = 0) -> str:
+    """Return a curve (m, N) as text, with noise (of the largest force)."""
+    scatter = np.random.default_rng(seed).standard_normal(force.size)
+    noisy = force + noise * np.abs(force).max() * scatter
+    rows = [f"{u!r},{f!r}" for u, f in zip(displacement.tolist(), noisy.tolist(), strict=True)]
+    return "\n".join(["u_m,F_N", *rows]) + "\n"
+
+
+def found(fit: Fit, folder: Path) -> tuple[dict[str, float], Knowledge, float]:
+    """Return values, what is known, and the work: a coarse run has a quarter of the cells."""
     with Objective(fit, folder / "runs") as objective:
         result = search(objective, fit)
     assert result.converged
+    e = result.evaluation
+    known = knowledge(fit, result.values, e.residuals, e.jacobian, e.comparisons)
     work = sum(0.25 if trial.coarse else 1.0 for trial in result.trials)
-    return dict(result.values), result.evaluation, work
+    return dict(result.values), known, work
 
 
 def test_parameters_of_a_curve_without_noise_are_found_to_a_thousandth(tmp_path: Path) -> None:
@@ -136,8 +147,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_noisy_curve_gives_intervals_that_hold_the_truth(seed: int, tmp_path: Path) -> None:
     fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.003, seed=seed)))
-    values, e, _ = found(fit, tmp_path)
-    known = knowledge(fit, values, e.residuals, e.jacobian, e.comparisons)
+    _, known, _ = found(fit, tmp_path)
     assert [i.low <= TRUTH[i.name] <= i.high for i in known.intervals] == [True, True]
 
 
@@ -195,7 +205,7 @@ def test_two_tests_are_fitted_side_by_side(tmp_path: Path) -> None:
         "  - {case: case.yaml, set: {program.to: 40 mm}, measured: curve.csv}\nparameters",
     )
     fit = read_fit(place(tmp_path, text, curve=curve_of(tmp_path)))
-    with Objective(fit, tmp_path / "runs", jobs=2) as objective:
+    with Objective(fit, tmp_path / "runs", Cluster(jobs=2)) as objective:
         e = objective.evaluate(TRUTH)
     assert [c.rows.size for c in e.comparisons] == [9, 6]
     assert np.abs(e.residuals[:9]).max() < 1e-6
@@ -283,10 +293,7 @@ def test_a_coefficient_of_a_formula_is_found(tmp_path: Path) -> None:
     place(tmp_path, case=case)
     truth = {"effects.shear.stiffness": formula.replace("0.2 m", "300 mm")}
     made = computed(read_case(tmp_path / "case.yaml", truth), [])
-    rows = [
-        f"{float(u)!r},{float(f)!r}" for u, f in zip(made.displacement, made.force, strict=True)
-    ]
-    (tmp_path / "curve.csv").write_text("\n".join(["u_m,F_N", *rows]) + "\n")
+    (tmp_path / "curve.csv").write_text(as_measured(made.displacement, made.force))
     sought = "  shear.stiffness#4: {bounds: [50 mm, 1 m]}\n"
     (tmp_path / "fit.yaml").write_text(FIT[: FIT.index("  shear")] + sought)
     fit = read_fit(tmp_path / "fit.yaml")
@@ -301,8 +308,7 @@ def test_a_coefficient_of_a_formula_is_found(tmp_path: Path) -> None:
 def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Path) -> None:
     text = FIT + "profiles: [shear.stiffness]\n"
     path = place(tmp_path, text, curve=curve_of(tmp_path, noise=0.002))
-    command = [sys.executable, "-m", "wovenfab", "fit", str(path), "-o", str(tmp_path / "out")]
-    ended = subprocess.run(command, capture_output=True, text=True, check=True)
+    ended = wovenfab("fit", path, "-o", "out", cwd=tmp_path)
     assert "The curves are followed within" in ended.stdout
     assert "By its profile shear.stiffness is" in ended.stdout
     result = json.loads((tmp_path / "out" / "fit.json").read_text())
@@ -313,7 +319,7 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
     assert fitted.effects["shear"]["stiffness"] == result["parameters"]["shear.stiffness"]["value"]
     assert "<svg" in (tmp_path / "out" / "fit.html").read_text()
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
-    refused = subprocess.run([*command[:4], "x.yaml"], capture_output=True, text=True)
+    refused = wovenfab("fit", "x.yaml", cwd=tmp_path)
     assert refused.returncode == 2 and "there is no such file" in refused.stderr
 
 
@@ -342,10 +348,8 @@ def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) ->
     place(tmp_path, curve=curve_of(tmp_path, noise=0.002))
     (tmp_path / "more.yaml").write_text(FIT + "  bending.stiffness: {bounds: [0.5 N*m, 8 N*m]}\n")
     (tmp_path / "less.yaml").write_text(FIT.replace("  stretch.stiffness: {start: 2e5 N/m}\n", ""))
-    files = [str(tmp_path / name) for name in ("fit.yaml", "more.yaml", "less.yaml")]
-    command = [sys.executable, "-m", "wovenfab", "fit", *files, "-o", str(tmp_path / "out")]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert "fit has the smallest BIC" in said
+    files = "fit.yaml", "more.yaml", "less.yaml"
+    assert "fit has the smallest BIC" in wovenfab("fit", *files, "-o", "out", cwd=tmp_path).stdout
     bic = {
         name: json.loads((tmp_path / "out" / name / "fit.json").read_text())["bic"]
         for name in ("fit", "more", "less")
@@ -357,21 +361,21 @@ def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) 
     place(tmp_path, curve=curve_of(tmp_path))
     doubled = {**TRUTH, "bending.stiffness": 2.0}
     wrong = [f"effects.{name}={2 * value!r}" for name, value in doubled.items()]
-    call = [sys.executable, "-m", "wovenfab"]
     for name, changes in (("same", [f"effects.{n}={v!r}" for n, v in TRUTH.items()]), ("w", wrong)):
         options = [part for change in changes for part in ("--set", change)]
-        run = [*call, "run", str(tmp_path / "case.yaml"), "-o", str(tmp_path / name), *options]
-        subprocess.run(run, capture_output=True, check=True)
-    report = [*call, "report", str(tmp_path / "same"), str(tmp_path / "w"), "--lab"]
-    said = subprocess.run([*report, str(tmp_path / "curve.csv")], capture_output=True, text=True)
+        wovenfab("run", "case.yaml", "-o", name, *options, cwd=tmp_path)
+    report = "report", "same", "w", "--lab"
+    said = wovenfab(*report, "curve.csv", cwd=tmp_path)
     assert "same: 0.00 % of the largest force from curve.csv" in said.stdout
     twice = float(said.stdout.split("w: ")[1].split(" %")[0])
     force = np.loadtxt(tmp_path / "curve.csv", delimiter=",", skiprows=1)[:, 1]
     assert twice == pytest.approx(100 * np.sqrt(np.mean(force**2)) / force.max(), rel=0.01)
     assert (tmp_path / "lab.png").stat().st_size > 10_000
+    page = (tmp_path / "comparison.html").read_text()
+    assert "Measured curve" in page and "0.00 % of the largest force from curve.csv" in page
     (tmp_path / "other.csv").write_text("u_mm,F_N\n0,0\n30,1\n60,2\n30,1\n0,0\n")
-    refused = subprocess.run([*report, str(tmp_path / "other.csv")], capture_output=True, text=True)
-    assert refused.returncode == 2 and "2 branches of loading" in refused.stderr
+    other = wovenfab(*report, "other.csv", cwd=tmp_path)
+    assert "same: no distance: other.csv has 2 branches of loading" in other.stdout
 
 
 def test_the_profile_of_a_nearly_linear_fit_is_its_interval(tmp_path: Path) -> None:

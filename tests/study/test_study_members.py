@@ -27,7 +27,7 @@ def length(member: Member) -> float:
 def test_every_combination_is_a_member() -> None:
     members = over("sheet.length=0.6 m,0.9 m,1.2 m", "effects.slip_friction.slope=70,700 s/m")
     assert [m.label for m in members[:2]] == [
-        "length=0.6 m, slope=70",
+        "length=0.6 m, slope=70 s/m",
         "length=0.6 m, slope=700 s/m",
     ]
     assert members[1].name == "length=0.6m,slope=700s_m"
@@ -134,8 +134,8 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
         ),
         ("case: cases/bias.yaml\nruns: {a: {}}", ":2: runs.a: no value is given."),
         (
-            "case: cases/bias.yaml\nruns:\n  a: {time.scheme: bdf2}\n  b:\n    time.scheme: bdf3",
-            ":5: time.scheme: expected 'bdf2', 'backward-euler' or 'midpoint', got 'bdf3'.",
+            "case: cases/bias.yaml\nruns:\n  a: {time.scheme: bdf2}\n  b:\n    time.scheme: bdf4",
+            ":5: time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'.",
         ),
         (
             "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1, 2 N]",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import signal
 import subprocess
 import sys
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.cli.test_commands import rows, wovenfab
 from wovenfab.record.history import read_history
 from wovenfab.record.summary import read_summary
 
@@ -30,20 +30,12 @@ output: {pictures: false}
 AMPLITUDES = "program.to=5 mm,-2 m,10 mm"
 
 
-def command(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "wovenfab", "sweep", *map(str, arguments)]
-
-
 def sweep(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        command("case.yaml", "-o", "out", *arguments),
-        cwd=folder, text=True, capture_output=True, check=False,
-    )  # fmt: skip
+    return wovenfab("sweep", "case.yaml", "-o", "out", *arguments, cwd=folder)
 
 
 def table(folder: Path) -> list[dict[str, str]]:
-    with (folder / "out" / "sweep.csv").open() as stream:
-        return list(csv.DictReader(stream))
+    return rows(folder / "out", "sweep")
 
 
 def written(folder: Path) -> dict[str, int]:
@@ -75,16 +67,16 @@ def test_the_table_has_what_was_varied_and_the_figures_of_each_run(
     first: tuple[Path, str, str],
 ) -> None:
     folder, _, _ = first
-    rows = table(folder)
-    assert [row["program.to"] for row in rows] == ["5 mm", "-2 m", "10 mm"]
-    for row in (rows[0], rows[2]):
+    of_runs = table(folder)
+    assert [row["program.to"] for row in of_runs] == ["5 mm", "-2 m", "10 mm"]
+    for row in (of_runs[0], of_runs[2]):
         summary = read_summary(folder / "out" / row["run"])
         assert float(row["peak_force_N"]) == summary["peak_force_N"]
         assert (
             read_history(folder / "out" / row["run"])["displacement_m"][-1]
             == summary["peak_force_at_m"]
         )
-    assert rows[1]["peak_force_N"] == ""
+    assert of_runs[1]["peak_force_N"] == ""
 
 
 def test_all_loops_are_in_one_picture(first: tuple[Path, str, str]) -> None:
@@ -135,9 +127,10 @@ def test_an_interrupted_sweep_ends_its_processes_and_takes_none_for_finished(
 ) -> None:
     long = CASE.replace("to: 10 mm, steps: 2", "to: 10 mm, steps: 400")
     (tmp_path / "case.yaml").write_text(long)
-    arguments = ("case.yaml", "-o", "out", "-j", "1", "--over", "program.steps=1,400")
+    arguments = ("-j", "1", "--over", "program.steps=1,400")
+    command = [sys.executable, "-m", "wovenfab", "sweep", "case.yaml", "-o", "out", *arguments]
     with subprocess.Popen(
-        command(*arguments), cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        command, cwd=tmp_path, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE
     ) as process:
         history = tmp_path / "out" / "steps=400" / "history.csv"
         until = time.monotonic() + 120
@@ -149,12 +142,10 @@ def test_an_interrupted_sweep_ends_its_processes_and_takes_none_for_finished(
     assert process.returncode == 130
     assert errors.startswith("wovenfab: interrupted; to go on, repeat the command")
     assert not processes(tmp_path)
-    rows = len(read_history(history.parent)["step"])
-    assert 0 < rows < 401
-    again = subprocess.run(
-        command(*arguments), cwd=tmp_path, text=True, capture_output=True, check=False
-    )
+    made = len(read_history(history.parent)["step"])
+    assert 0 < made < 401
+    again = sweep(tmp_path, *arguments)
     assert again.returncode == 0, again.stderr
     assert list(read_history(history.parent)["step"]) == list(range(401))
     parts = read_summary(history.parent)["parts"]
-    assert len(parts) == 2 and parts[1]["first_step"] == rows - 1  # it went on where it was
+    assert len(parts) == 2 and parts[1]["first_step"] == made - 1  # it went on where it was

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.study.test_fit import as_measured, found
 from wovenfab.case import read_case
 from wovenfab.study.fit.fit_file import Fit, read_fit
-from wovenfab.study.fit.knowledge import Knowledge, in_words, knowledge
-from wovenfab.study.fit.objective import Objective
+from wovenfab.study.fit.knowledge import in_words
 from wovenfab.study.fit.response import computed
-from wovenfab.study.fit.search import search
 
 BIAS = """\
 sheet: {length: 0.3 m, width: 0.1 m, fibres: [45 deg, -45 deg]}
@@ -60,10 +59,7 @@ def twin(path: Path, truth: Mapping[str, float], finer: Mapping[str, Any], noise
     """Write the curve of a case with other parameters beside it."""
     changes = {f"effects.{name}": value for name, value in truth.items()}
     made = computed(read_case(path, {**changes, **finer}), [])
-    scatter = np.random.default_rng(seed).standard_normal(made.force.size)
-    force = made.force + noise * np.abs(made.force).max() * scatter
-    rows = [f"{u!r},{f!r}" for u, f in zip(made.displacement.tolist(), force.tolist(), strict=True)]
-    path.with_suffix(".csv").write_text("\n".join(["u_m,F_N", *rows]) + "\n")
+    path.with_suffix(".csv").write_text(as_measured(made.displacement, made.force, noise, seed))
 
 
 def fit_of(folder: Path, names: Mapping[str, Any], error: str, refine: bool, *tests: str) -> Fit:
@@ -72,15 +68,6 @@ def fit_of(folder: Path, names: Mapping[str, Any], error: str, refine: bool, *te
     text = [f"refine: {str(refine).lower()}", "tests:", *rows, "parameters:", *sought]
     (folder / "fit.yaml").write_text("\n".join(text) + "\n")
     return read_fit(folder / "fit.yaml")
-
-
-def known(fit: Fit, folder: Path) -> tuple[dict[str, float], Knowledge, bool]:
-    """Return the values found, what is known of them, and whether the search has converged."""
-    with Objective(fit, folder / "runs") as objective:
-        result = search(objective, fit)
-    e = result.evaluation
-    about = knowledge(fit, result.values, e.residuals, e.jacobian, e.comparisons)
-    return dict(result.values), about, result.converged
 
 
 @pytest.mark.slow
@@ -92,10 +79,7 @@ def test_elastic_parameters_of_two_tests_on_a_finer_mesh_are_found_to_a_thousand
     along.write_text(read_case(bias, ALONG).to_yaml())
     for path, steps in ((bias, 20), (along, 8)):
         twin(path, ELASTIC, {"discretisation.mesh_size": "12.5 mm", "program.steps": steps})
-    values, _, converged = known(
-        fit_of(tmp_path, ELASTIC, "0.5 %", True, "bias", "along"), tmp_path
-    )
-    assert converged
+    values, _, _ = found(fit_of(tmp_path, ELASTIC, "0.5 %", True, "bias", "along"), tmp_path)
     assert values == pytest.approx(ELASTIC, rel=1e-3)
 
 
@@ -105,9 +89,8 @@ def test_of_a_slow_loop_bending_is_known_and_two_pairs_only_together(tmp_path: P
     path.write_text(LOOP)
     twin(path, OF_LOOP, {"discretisation.mesh_size": "30 mm", "time.steps_per_cycle": 160})
     fit = fit_of(tmp_path, OF_LOOP, "0.5 %", False, "loop")
-    values, about, converged = known(fit, tmp_path)
+    values, about, _ = found(fit, tmp_path)
     words = "\n".join(in_words(about, fit))
-    assert converged
     assert values["bending.stiffness"] == pytest.approx(70.0, rel=1e-2)
     assert "shear.stiffness and coupling.stiffness are determined only together" in words
     assert "slip_friction.strength and slip_friction.slope are determined only together" in words
@@ -137,9 +120,7 @@ def test_of_a_noisy_curve_intervals_hold_the_truth(seed: int, tmp_path: Path) ->
     twin(path, ELASTIC, {"program.steps": 60}, 0.01, seed)
     sought = ("shear.stiffness", "bending.stiffness")
     path.write_text(path.read_text().replace("1e5", "1.4e5"))
-    _, about, converged = known(
-        fit_of(tmp_path, dict.fromkeys(sought), "1 %", False, "bias"), tmp_path
-    )
-    assert converged
+    fit = fit_of(tmp_path, dict.fromkeys(sought), "1 %", False, "bias")
+    _, about, _ = found(fit, tmp_path)
     for interval in about.intervals:
         assert interval.low < ELASTIC[interval.name] < interval.high

@@ -29,7 +29,7 @@ SCENES = {
     "spin": (("stretch", "shear", "spin_friction"), 0.005, 0.15),
 }
 #: Largest energy imbalance over dissipated energy at the end of a cycle of 80 steps.
-IMBALANCE = {"backward-euler": 5e-3, "bdf2": 5e-3, "midpoint": 5e-6}
+IMBALANCE = {"backward-euler": 5e-3, "bdf2": 5e-3, "bdf3": 2e-3, "midpoint": 5e-6}
 
 in_each = pytest.mark.parametrize(
     ("scene", "scheme"), [(scene, scheme) for scene in SCENES for scheme in SCHEMES]
@@ -60,6 +60,9 @@ def test_force_and_loss_converge_with_the_schemes_order(scene: str, scheme: str)
     dissipated = orders([np.array([*map(scenes.lost, steps)]) for steps in runs])
     print(f"\n{scene}, {scheme}: observed {np.round(force, 2)} in force, ", end="")
     print(f"{np.round(dissipated, 2)} in dissipated energy, theory {theory}")
+    if theory == 3:  # differences change their sign on the way, and so fall faster at times
+        assert min(force[-1], dissipated[-1]) > 2.7
+        return
     assert force[-1] == pytest.approx(theory, abs=0.2)
     assert dissipated[-1] == pytest.approx(theory, abs=0.2)
 
@@ -71,7 +74,7 @@ def test_work_is_stored_or_dissipated_to_the_schemes_order(scene: str, scheme: s
     fall = scenes.orders(shares).mean()
     print(f"\n{scene}, {scheme}: imbalance {shares} of the loss, order {fall:.2f}")
     assert shares[COUNTS.index(80)] < IMBALANCE[scheme]
-    assert fall > SCHEMES[scheme].order - 0.15
+    assert fall > min(SCHEMES[scheme].order, 2) - 0.15  # work is summed by the trapezoidal rule
 
 
 def test_all_schemes_converge_to_the_same_loop() -> None:

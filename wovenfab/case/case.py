@@ -32,7 +32,6 @@ from wovenfab.case.document import (
     Document,
     existing_file,
     folder_of,
-    key_path,
     override,
     resolved_document,
 )
@@ -45,10 +44,11 @@ from wovenfab.case.effects import (
     custom_files,
     custom_schemas,
     needs_of_scene,
+    quantity,
 )
-from wovenfab.case.errors import CaseError, KeyPath, Problem, problems_in
-from wovenfab.case.program import Segments
-from wovenfab.case.quantities import Quantity, Section, plain
+from wovenfab.case.errors import CaseError, KeyPath, Problem, key_path, problems_in
+from wovenfab.case.program import Segments, Table, planned_steps
+from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
     Output,
@@ -170,6 +170,11 @@ class Case(Section):
         """Values by the name of the effect, in the order of the scene."""
         return {e.name: e.values for e in self.scene}
 
+    @property
+    def planned_steps(self) -> int:
+        """Number of planned load steps."""
+        return planned_steps(self.program, self.time.steps_per_cycle)
+
     def problem(self, key: str, message: str, remedy: str = "") -> Problem:
         """Return a problem with the file and line of its key; arguments as in ``Problem``."""
         return self._origin.document.problem(key_path(key), message, remedy)
@@ -184,6 +189,34 @@ class Case(Section):
         origin = self._origin
         document = reduce(_overridden, more, origin.document)
         return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
+
+    def remarks(self) -> list[str]:
+        """Return what is probably not meant, and how tables were thinned, in a sentence each."""
+        sections: dict[KeyPath, Section] = {
+            ("sheet",): self.sheet,
+            ("discretisation",): self.discretisation,
+        }
+        sections |= {("program", i): segment for i, segment in enumerate(self.program)}
+        found = [odd for path, section in sections.items() for odd in unusual(section, path)]
+        for e in self.scene:
+            for p in e.effect.parameters:
+                key = "effects", e.name, p.name
+                found += outside(quantity(p), e.values[p.name], key)
+        document = self._origin.document
+        problems = (
+            document.problem(document.locate(path), *kind.doubts(value))
+            for path, value, kind in dict.fromkeys(found)
+            if document.locate(path)[-1:] == path[-1:]  # not a default
+        )
+        tables = (s for s in self.program if isinstance(s, Table) and s.tolerance)
+        return [
+            *(f"warning: {problem}" for problem in problems),
+            *(
+                f"{t.samples.file.name}: {len(t.samples.times)} of {t.samples.rows} rows are left "
+                f"within {t.tolerance:g} m"
+                for t in tables
+            ),
+        ]
 
     def to_yaml(self) -> str:
         """Return YAML that reads as an equal case, with units and every default."""
@@ -262,7 +295,8 @@ def _overridden(document: Document, text: str) -> Document:
     """
     changed = override(document, text)
     key = text.partition("=")[0]
-    if not (_holds(document.data, key_path(key)) or _holds(changed.data, key_path(key))):
+    path = key_path(key)
+    if path not in (document.locate(path), changed.locate(path)):
         try:
             _case(_Origin(override(document, f"{key}=clamp"), None))
         except CaseError as error:
@@ -271,22 +305,8 @@ def _overridden(document: Document, text: str) -> Document:
     return changed
 
 
-def _holds(data: Any, path: KeyPath) -> bool:
-    """Return whether there is a value at a path."""
-    for key in path:
-        if isinstance(data, list):
-            data = data[key] if isinstance(key, int) and key < len(data) else None
-        else:
-            data = data.get(str(key)) if isinstance(data, dict) else None
-    return data is not None
-
-
 def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
-    """Return the JSON Schema of a whole case.
-
-    Args:
-        custom: The user's own effects, to be described beside those of forms/.
-    """
+    """Return the JSON Schema of a whole case, with effects of the user's own."""
     schema = Case.model_json_schema(schema_generator=_InOrder)
     schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
     schema["$defs"]["Effects"]["properties"] |= custom_schemas(custom)

@@ -41,12 +41,7 @@ _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
 def custom_effects(files: Mapping[str, Any], folder: Path) -> CustomEffects:
-    """Return the effects that a case names by file, in its order.
-
-    Args:
-        files: Their files by name, as the case has them; they may be invalid.
-        folder: Where the case lies.
-    """
+    """Return the effects that a case in a folder names by (perhaps invalid) files, in its order."""
     effects: dict[str, CustomEffect | PydanticCustomError] = {}
     for key, file in files.items():
         try:
@@ -177,20 +172,24 @@ def _lines(error: BaseException, path: Path) -> list[int | None]:
 
 
 def _check_parameters(effect: Effect, value: str) -> None:
-    for name, times in Counter(p.name for p in effect.parameters).items():
-        if not _NAME.fullmatch(name) or name in RESERVED or times > 1:
+    named: list[tuple[Any, str]] = [(p, "parameter") for p in effect.parameters]
+    named += [(v, "internal variable") for v in effect.memory]
+    times = Counter(one.name for one, _ in named)
+    for one, kind in reversed(named):
+        if not _NAME.fullmatch(one.name) or one.name in RESERVED or times[one.name] > 1:
+            article = "an" if kind[0] in "aeiou" else "a"
             raise wrong(
-                f"{value}: a parameter cannot be named {name!r}",
+                f"{value}: {article} {kind} cannot be named {one.name!r}",
                 f"Names are unique, of letters, digits and '_', and not {one_of(RESERVED)}.",
             )
-    for parameter in effect.parameters:
+    for one, kind in named:
         try:
-            factor, _ = units.in_si("" if parameter.unit == "1" else parameter.unit)
+            factor, _ = units.in_si("" if one.unit == "1" else one.unit)
         except ValueError as error:
-            raise wrong(f"{value}: the parameter '{parameter.name}' has {error}") from error
+            raise wrong(f"{value}: the {kind} '{one.name}' has {error}") from error
         if factor != 1:
             raise wrong(
-                f"{value}: the unit '{parameter.unit}' of '{parameter.name}' is not an SI unit",
+                f"{value}: the unit '{one.unit}' of '{one.name}' is not an SI unit",
                 "Write it in m, kg, s, N, J or rad; a case may use any other.",
             )
 
@@ -198,8 +197,9 @@ def _check_parameters(effect: Effect, value: str) -> None:
 DEGREE = 2
 #: What is asked of the functions of an effect.
 REMEDY = (
-    "Its functions return one number in J/m^2 (an energy) or W/m^2 (a dissipation), made of what "
-    "they are given by Python's operators and the functions of UFL."
+    "Its functions return one number in J/m^2 (an energy), W/m^2 (a dissipation) or the unit of "
+    "an internal variable (its update), made of what they are given by Python's operators and the "
+    "functions of UFL."
 )
 
 
@@ -239,6 +239,9 @@ def try_forms(effect: Effect) -> None:
     if effect.dissipation is not None and effect.measure is not None:
         rate = ufl.variable(effect.measure(point))
         _require_scalar("dissipation", effect.dissipation(rate, term.values))
+    for variable in effect.memory:
+        updated = variable.update(point, point, term.values, 1.0)
+        _require_scalar(f"the update of '{variable.name}'", updated)
     space = balance.field.ufl_function_space()
     test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
     balance.potential()
@@ -288,7 +291,7 @@ def _balance(effect: Effect) -> tuple[Term, Balance]:
     values = {
         p.name: (ufl.Constant(mesh), ufl.Constant(mesh)) if p.per_family else ufl.Constant(mesh)
         for p in effect.parameters
-    }
+    } | {v.name: ufl.Constant(mesh) for v in effect.memory}
     rate = Rate((ufl.Constant(mesh), ufl.Constant(mesh)), (ufl.Coefficient(space),))
     term = Term(effect, values, 1)
     return term, Balance(

@@ -22,11 +22,14 @@ from wovenfab.case.errors import (
     describe,
     dotted,
     joined,
+    key_path,
     near_miss,
     one_of,
+    reason,
     refusal,
     wrong,
 )
+from wovenfab.case.units import in_one_unit
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
@@ -53,12 +56,9 @@ class FileName(str):
 
 
 def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
-    """Return the absolute path of a file that a case names.
+    """Return the absolute path of a file that a case names, or of a folder without suffixes.
 
-    Args:
-        value: The text in the case.
-        folder: Where the case lies, for a name that does not know its own folder.
-        suffixes: Allowed ends of the name; none for the name of a folder.
+    ``folder`` is where the case lies, for a name that does not know its own folder.
     """
     folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
@@ -81,6 +81,7 @@ def folder_of(info: ValidationInfo) -> Path:
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST = 20
+_UNITS = "A unit at the end serves for all, as in '20, 40 mm'; or each has its own."
 _MOST_VALUES = 100_000
 _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
@@ -116,11 +117,8 @@ class Document:
         """Return the path in the data of a place in the case.
 
         The place may also name which form of a section was meant (``"cycles"``) and
-        count items of a list whose brackets were left out; these are passed over.
-
-        Args:
-            location: Place in the case.
-            missing: Whether the last key is not there, and is kept all the same.
+        count items of a list whose brackets were left out; these are passed over. A last key
+        that is ``missing`` is kept all the same.
         """
         path: list[str | int] = []
         data = self.data
@@ -135,8 +133,8 @@ class Document:
     def problem(self, path: KeyPath, message: str, remedy: str = "") -> Problem:
         """Return the problem of the value at ``path``, or of what should hold it."""
         holders = (path[:n] for n in range(len(path), -1, -1))
-        known = next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
-        return Problem(*known, dotted(path), message, remedy)
+        known = (self.places[p] for p in holders if p in self.places)
+        return Problem(*next(known, Place(self.file, None)), dotted(path), message, remedy)
 
     def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
         """Return problems in the order in which this case is read: by file, then by line."""
@@ -154,12 +152,9 @@ def read_document(path: Path) -> Document:
 
 
 def parse_document(text: str, file: str, folder: Path | None = None) -> Document:
-    """Return what YAML text says, as :func:`read_document` does.
+    """Return what YAML text of a file says, as :func:`read_document` does.
 
-    Args:
-        text: The YAML.
-        file: Where it is from, for messages.
-        folder: What the files that it names are relative to; the case's folder if None.
+    Files that it names are relative to ``folder``; to that of the case if None.
     """
     try:
         root = YAML(typ="safe", pure=True).compose(text)
@@ -223,7 +218,11 @@ class _Reader:
             case MappingNode():
                 return dict(self._pairs(node, path))
             case SequenceNode():
-                return [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
+                values = [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
+                values, bare = in_one_unit(values)
+                if bare:
+                    self._problem(line, path, f"{bare} has no unit, but others have one", _UNITS)
+                return values
             case ScalarNode() if node.tag in _OTHER_SCALARS:
                 try:
                     return self.scalar(node)
@@ -255,34 +254,33 @@ class _Reader:
             self.lines[here] = line
             yield key.value, self.read(value, here)
 
-    def _problem(self, line: int, path: KeyPath, message: str) -> None:
-        self.problems.append(Problem(self.file, line, dotted(path), message))
+    def _problem(self, line: int, path: KeyPath, *words: str) -> None:
+        self.problems.append(Problem(self.file, line, dotted(path), *words))
 
 
 FROM = "from"
 #: With ``LAW`` the keys that say what kind of mapping it is; another kind takes nothing over.
-_TYPE = "type"
+_TYPE, _SHAPE = "type", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
-def resolved_document(path: Path) -> Document:
+def resolved_document(path: Path, below: tuple[Path, ...] = ()) -> Document:
     """Return the contents of a case file with all that it takes over from others.
 
     Mappings are merged key by key, everything else is replaced, and null takes a key out.
 
+    Args:
+        path: The case file.
+        below: Files that start from it, and may not be among those that it starts from.
+
     Raises:
         CaseError: A file cannot be read, or what they say does not fit together.
     """
-    return _resolved(path, ())
-
-
-def _resolved(path: Path, below: tuple[Path, ...]) -> Document:
-    document = read_document(path)
+    document, below = read_document(path), (*below, path.resolve())
     if not isinstance(document.data, dict) or FROM not in document.data:
         return document
-    base_path = _base_of(document, path, (*below, path.resolve()))
+    base = resolved_document(_base_of(document, path, below), below)
     upper = {key: value for key, value in document.data.items() if key != FROM}
-    base = _resolved(base_path, (*below, path.resolve()))
     return _merged(base, replace(document, data=upper))
 
 
@@ -292,9 +290,7 @@ def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
     try:
         base = existing_file(given, path.parent, (".yaml", ".yml"))
     except PydanticCustomError as error:
-        text = error.context or {}
-        problem = document.problem((FROM,), text["message"], text["remedy"])
-        raise CaseError([problem]) from error
+        raise CaseError([document.problem((FROM,), *reason(error))]) from error
     if base in known:
         loop = " from ".join(file.name for file in (*known[known.index(base) :], base))
         raise CaseError([document.problem((FROM,), f"this goes round in a circle: {loop}")])
@@ -308,7 +304,8 @@ def _merged(base: Document, upper: Document) -> Document:
     changes = list(_changes(base.data, upper.data))
     if absent := [c for c in changes if c[1] is None and c[0][-1] not in c[2]]:
         raise CaseError(
-            upper.problem(p, _ABSENT, near_miss(p[-1], known)) for p, _, known in absent
+            upper.problem(p, "there is nothing here to take out", near_miss(p[-1], known))
+            for p, _, known in absent
         )
     gone = {path for path, *_ in changes}
     kept = {
@@ -340,21 +337,16 @@ def _merge(base: Any, upper: Any) -> bool:
     """Return whether a value is merged with the one below it, rather than put in its place."""
     if not isinstance(base, dict) or not isinstance(upper, dict):
         return False
+    if FILE in upper if FILE not in base else _SHAPE in upper:
+        return False
     same_law = upper.get(LAW, base.get(LAW)) == base.get(LAW)  # without one it is the usual one
     return same_law and (_TYPE not in base or base[_TYPE] == upper.get(_TYPE, base[_TYPE]))
 
 
-def key_path(key: str) -> KeyPath:
-    """Return the path of a dotted key."""
-    return tuple(int(k) if k.isdecimal() else k for k in key.strip().split("."))
-
-
 def override(document: Document, text: str) -> Document:
-    """Return the document with one value replaced.
+    """Return the document with one value replaced, by ``dotted.key=value`` with the value in YAML.
 
-    Args:
-        document: What to change; it stays as it is.
-        text: ``dotted.key=value``, the value in YAML; ``null`` takes the key out.
+    ``null`` takes the key out.
 
     Raises:
         CaseError: The text is malformed, or the key leads through a plain value.
@@ -362,11 +354,8 @@ def override(document: Document, text: str) -> Document:
     key, equals, value = text.partition("=")
     path = key_path(key)
     if not equals or "" in path:
-        raise refusal(
-            OVERRIDE,
-            f"expected 'key=value', got {text!r}",
-            "For example --set time.steps_per_cycle=160.",
-        )
+        remedy = "For example --set time.steps_per_cycle=160."
+        raise refusal(OVERRIDE, f"expected 'key=value', got {text!r}", remedy)
     try:
         given = parse_document(value if value.strip() else "null", OVERRIDE)
     except CaseError as error:

@@ -74,11 +74,7 @@ _LAW = "Which law it obeys"
 
 
 def custom_files(data: Any) -> dict[str, Any]:
-    """Return the files of the user's own effects by name.
-
-    Args:
-        data: The case as plain data; it may be invalid.
-    """
+    """Return the files of the user's own effects by name, from the plain data of any case."""
     section = data.get("effects") if isinstance(data, dict) else None
     given = section.items() if isinstance(section, dict) else ()
     return {key: v[FILE] for key, v in given if isinstance(v, dict) and FILE in v}
@@ -86,7 +82,7 @@ def custom_files(data: Any) -> dict[str, Any]:
 
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"))
+    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"), usual=parameter.usual)
     if parameter.above is not None:
         return kind(above=parameter.above)
     return kind(least=0) if parameter.zero_allowed else kind(above=0)
@@ -97,21 +93,13 @@ def field(name: str) -> str:
     return f"effect_{name}"
 
 
-def models_of(effect: Effect, more: Mapping[str, Any] | None = None) -> dict[str, type[Section]]:
-    """Return a model of the values for each law of an effect.
-
-    Args:
-        effect: The effect.
-        more: Other fields that each has, as for pydantic's ``create_model``.
-    """
-    return {one.law: _model(one, one is effect, more or {}) for one in effect.all_laws}
+def _models(effect: Effect, **more: Any) -> dict[str, type[Section]]:
+    """Return a model of the values for each law of an effect, with more fields in each."""
+    return {one.law: _model(one, one is effect, more) for one in effect.all_laws}
 
 
-def chosen_from(models: Mapping[str, type[Section]]) -> Any:
-    """Return the annotation of a value that is one of some models, by its law.
-
-    The first one is meant where none is named.
-    """
+def _type_of(models: Mapping[str, type[Section]]) -> Any:
+    """Return the annotation of values by one of the laws: the first where none is named."""
     first, *others = models
 
     def law(data: Any) -> str:
@@ -122,23 +110,6 @@ def chosen_from(models: Mapping[str, type[Section]]) -> Any:
         return models[first]
     options = tuple(Annotated[model, Tag(word)] for word, model in models.items())
     return Annotated[Union[options], Discriminator(law)]  # noqa: UP007 - options are computed
-
-
-def law_of(effect: Effect, given: Section) -> Effect:
-    """Return the law of an effect that was chosen."""
-    word = getattr(given, field(LAW), effect.law)
-    return next(one for one in effect.all_laws if one.law == word)
-
-
-def values_of(effect: Effect, given: Section) -> dict[str, Any]:
-    """Return the values of all parameters of an effect by their names."""
-    return {p.name: getattr(given, field(p.name)) for p in effect.parameters}
-
-
-def schema_of(effect: Effect) -> Json:
-    """Return the JSON Schema of an effect's values."""
-    schemas = [model.model_json_schema() for model in models_of(effect).values()]
-    return schemas[0] if len(schemas) == 1 else {"oneOf": schemas}
 
 
 def _model(effect: Effect, default: bool, more: Mapping[str, Any]) -> type[Section]:
@@ -175,20 +146,15 @@ def _described(parameter: Parameter) -> Any:
 RESISTIBLE = ("stretching", "shearing", "slipping", "curving")
 
 
-def needs_of(effects: Iterable[Effect]) -> Needs:
-    """Return what some effects need together."""
-    needs = [effect.needs for effect in effects]
+def needs_of_scene(scene: Scene) -> Needs:
+    """Return what the effects of a scene need together."""
+    needs = [e.effect.needs for e in scene]
     return Needs(
         placements=max((n.placements for n in needs), default=1),
         second_gradient=any(n.second_gradient for n in needs),
         rate=any(n.rate for n in needs),
-        increment=any(n.increment for n in needs),
+        increment=any(e.effect.needs.increment or e.effect.memory for e in scene),
     )
-
-
-def needs_of_scene(scene: Scene) -> Needs:
-    """Return what the effects of a scene need together."""
-    return needs_of(e.effect for e in scene)
 
 
 def acting(scene: Scene) -> list[SceneEffect]:
@@ -258,7 +224,10 @@ _CUSTOM_SCHEMA: Json = {
 
 def custom_schemas(custom: Iterable[Effect]) -> dict[str, Json]:
     """Return the JSON Schema of the values of some effects by their names."""
-    return {effect.name: schema_of(effect) for effect in custom}
+    return {
+        effect.name: {"oneOf": [model.model_json_schema() for model in _models(effect).values()]}
+        for effect in custom
+    }
 
 
 class EffectsSection:
@@ -300,8 +269,9 @@ def _read(data: Any, info: ValidationInfo) -> Scene:
 
 
 def _chosen(effect: Effect, given: Section, file: Path | None) -> SceneEffect:
-    law = law_of(effect, given)
-    return SceneEffect(law, values_of(law, given), file)
+    word = getattr(given, field(LAW), effect.law)
+    law = next(one for one in effect.all_laws if one.law == word)
+    return SceneEffect(law, {p.name: getattr(given, field(p.name)) for p in law.parameters}, file)
 
 
 def _plain(scene: Scene, written: bool) -> dict[str, Any]:
@@ -331,7 +301,7 @@ def _section_model(custom: CustomEffects) -> type[Section]:
 
 @cache
 def _catalogue_model(effects: tuple[Effect, ...]) -> type[Section]:
-    fields = _fields({e.name: (chosen_from(models_of(e)), e.summary) for e in effects})
+    fields = _fields({e.name: (_type_of(_models(e)), e.summary) for e in effects})
     return create_model("Effects", __base__=Section, __doc__=_SECTION, **fields)
 
 
@@ -351,7 +321,7 @@ def _custom_kind(custom: CustomEffect | PydanticCustomError) -> tuple[Any, str]:
         return _refused(custom), ""
     path, effect = custom.file, custom.effect
     file: Any = (Annotated[Path, PlainValidator(lambda _: path)], Field(alias=FILE))
-    return chosen_from(models_of(effect, {field(FILE): file})), effect.summary
+    return _type_of(_models(effect, **{field(FILE): file})), effect.summary
 
 
 def _refused(error: PydanticCustomError) -> type[Section]:

@@ -97,9 +97,19 @@ def wrong(message: str, remedy: str = "") -> PydanticCustomError:
     return PydanticCustomError("wrong", "{message}", {"message": message, "remedy": remedy})
 
 
+def reason(error: PydanticCustomError) -> tuple[str, str]:
+    """Return message and remedy of an error made by :func:`wrong`."""
+    return error.context["message"], error.context["remedy"]  # type: ignore[index]
+
+
 def dotted(path: KeyPath) -> str:
     """Return a path as it is written on the command line: ``effects.shear.stiffness``."""
     return ".".join(map(str, path))
+
+
+def key_path(key: str) -> KeyPath:
+    """Return the path of a dotted key."""
+    return tuple(int(k) if k.isdecimal() else k for k in key.strip().split("."))
 
 
 def one_of(options: Sequence[str]) -> str:
@@ -151,12 +161,9 @@ def _short(text: str) -> str:
 def problems_in(
     error: ValidationError, document: Document, schema: Mapping[str, Any]
 ) -> Iterator[Problem]:
-    """Yield a problem for each error.
+    """Yield a problem for each error of pydantic for the document's data.
 
-    Args:
-        error: The errors of pydantic for the document's data.
-        document: The data with its lines.
-        schema: JSON Schema of the case, for the keys that there are.
+    ``schema`` is the JSON Schema of the case, for the keys that there are.
     """
     misspelt: set[KeyPath] = set()
     # What is missing may be there under a misspelt key, so that this comes first.

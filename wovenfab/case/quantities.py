@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
 from pydantic import (
     BaseModel,
@@ -22,6 +22,7 @@ from wovenfab.case.document import Document
 from wovenfab.case.errors import (
     CaseError,
     FormulaError,
+    KeyPath,
     describe,
     near_miss,
     one_of,
@@ -154,10 +155,12 @@ class Quantity(_Scalar):
     Attributes:
         unit: SI unit; empty for a pure number.
         variables: What a formula may depend on here; formulas are refused if empty.
+        usual: Sizes outside are asked back, since a unit is probably wrong; zero is not.
     """
 
     unit: str = ""
     variables: tuple[str, ...] = ()
+    usual: tuple[float, float] = (0.0, math.inf)
 
     def read(self, value: Any) -> Any:
         """Return a word, a number, or an expression if it depends on any variable."""
@@ -197,6 +200,16 @@ class Quantity(_Scalar):
             remedy = f"This formula may depend on {one_of(self.variables)}."
             raise wrong(f"'{unknown[0]}' cannot be used here", remedy)
         return expression
+
+    def doubts(self, value: float) -> tuple[str, str]:
+        """Return what is asked about an unusual value, and how it is written."""
+        least, most = (units.write(bound, self.unit) for bound in self.usual)
+        smaller = f"{value:g} m{self.unit}" if self.unit in ("m", "m/s") else ""
+        example = smaller or units.KINDS.get(self.unit, ("", f"1 {self.unit}"))[1]
+        return (
+            f"is {units.write(value, self.unit)} meant? Usual are {least} to {most}",
+            f"A number without a unit is in {self.unit}; with its unit it is written '{example}'.",
+        )
 
     def write(self, value: Any) -> Any:
         """Return text with the unit, or a formula, that reads as the same value."""
@@ -327,13 +340,37 @@ class OneOr:
         return {"anyOf": [one, many]}
 
 
-Length = Annotated[float, Quantity(unit="m")]
-Size = Annotated[float, Quantity(unit="m", above=0)]
+Length = Annotated[float, Quantity(unit="m", usual=(1e-8, 20.0))]
+Size = Annotated[float, Quantity(unit="m", above=0, usual=(1e-8, 20.0))]
+Extent = Annotated[float, Quantity(unit="m", above=0, usual=(1e-3, 20.0))]
 Duration = Annotated[float, Quantity(unit="s", above=0)]
-Speed = Annotated[float, Quantity(unit="m/s", above=0)]
-Frequency = Annotated[float, Quantity(unit="Hz", above=0)]
+Speed = Annotated[float, Quantity(unit="m/s", above=0, usual=(1e-9, 10.0))]
+Frequency = Annotated[float, Quantity(unit="Hz", above=0, usual=(1e-6, 1e3))]
 Angle = Annotated[float, Quantity(unit="rad")]
 AtLeastOne = Annotated[int, Count(least=1, most=1_000_000)]
+
+
+def unusual(section: Section, path: KeyPath = ()) -> Iterator[tuple[KeyPath, float, Quantity]]:
+    """Yield the values of a section that are probably not meant, each with where it is."""
+    for name, field in type(section).model_fields.items():
+        kinds = filter(None, map(_quantity_in, (*field.metadata, field.annotation)))
+        if kind := next(kinds, None):
+            yield from outside(kind, getattr(section, name), (*path, field.alias or name))
+
+
+def outside(kind: Quantity, value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, float, Quantity]]:
+    """Yield a value, or those of a tuple, that are out of what is usual."""
+    if isinstance(value, tuple):
+        for i, one in enumerate(value):
+            yield from outside(kind, one, path if len(set(value)) == 1 else (*path, i))
+    elif isinstance(value, float) and value and not kind.usual[0] <= abs(value) <= kind.usual[1]:
+        yield path, value, kind
+
+
+def _quantity_in(annotation: Any) -> Quantity | None:
+    if isinstance(annotation, Quantity):
+        return annotation
+    return next(filter(None, map(_quantity_in, get_args(annotation))), None)
 
 
 def coefficients(formula: float | Expression) -> list[tuple[float, str]]:

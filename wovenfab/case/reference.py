@@ -74,7 +74,7 @@ def _row(effect: Effect, default: bool) -> str:
         (effect.needs.placements == 2, "two placements"),
         (effect.needs.second_gradient, "second gradients"),
         (effect.needs.rate, "rates"),
-        (effect.needs.increment, "history"),
+        (effect.needs.increment or bool(effect.memory), "history"),
     )
     needed = ", ".join(what for is_needed, what in needs if is_needed)
     cells = (name, effect.summary, parameters, needed)

@@ -15,6 +15,7 @@ from pydantic import (
     PlainSerializer,
     Tag,
     ValidationInfo,
+    model_validator,
 )
 
 from forms.effect import Needs
@@ -24,7 +25,9 @@ from wovenfab.case.quantities import (
     Angle,
     AtLeastOne,
     Count,
+    Extent,
     Interval,
+    Length,
     Quantity,
     Section,
     Size,
@@ -55,10 +58,10 @@ class Rectangle(Section):
     shape: Literal["rectangle"] = "rectangle"
     """Kind of sheet; for other shapes give a file instead."""
 
-    length: Size = Field(examples=["0.90 m"])
+    length: Extent = Field(examples=["0.90 m"])
     """Extent along x."""
 
-    width: Size = Field(examples=["0.30 m"])
+    width: Extent = Field(examples=["0.30 m"])
     """Extent along y."""
 
     fibres: Fibres = Field(examples=[["45 deg", "-45 deg"]])
@@ -133,7 +136,7 @@ class Time(Section):
     steps_per_cycle: Annotated[int, Count(least=4, most=1_000_000, even=True)] = 80
     """Steps of each cycle, even so that the reversal is hit."""
 
-    scheme: Literal["bdf2", "backward-euler", "midpoint"] = "bdf2"
+    scheme: Literal["bdf2", "bdf3", "backward-euler", "midpoint"] = "bdf2"
     """How rates are formed."""
 
     tolerance: Annotated[float, Quantity(above=0, most=1)] | None = None
@@ -199,6 +202,111 @@ def possible_fields(needs: Needs) -> tuple[FieldName, ...]:
     return tuple(name for name in get_args(FieldName) if name not in missing)
 
 
+Place = tuple[Length, Length]
+
+
+def _apart(ends: tuple[Place, Place]) -> tuple[Place, Place]:
+    if ends[0] == ends[1]:
+        raise wrong("both points are the same")
+    return ends
+
+
+Ends = Annotated[tuple[Place, Place], AfterValidator(_apart)]
+Family = Literal[1, 2]
+Samples = Annotated[int, Count(least=2, most=100_000)]
+
+
+class PointProbe(Section):
+    """Displacement of each family and slip at a point, on every step."""
+
+    type: Literal["point"]
+    """Kind of probe."""
+
+    at: Place = Field(examples=[["0.45 m", "0.15 m"]])
+    """Reference position."""
+
+
+class Extensometer(Section):
+    """Gauge length between two points of the sheet and its strain, on every step."""
+
+    type: Literal["extensometer"]
+    """Kind of probe."""
+
+    ends: Ends = Field(examples=[[["0.40 m", "0.15 m"], ["0.50 m", "0.15 m"]]])
+    """Reference positions of both ends."""
+
+    family: Family | None = None
+    """The family that it is fixed to; to the mean of both unless given."""
+
+
+class Zone(Section):
+    """Mean shear angle over the area of a rectangle or a circle, on every step."""
+
+    type: Literal["zone"]
+    """Kind of probe."""
+
+    corners: Ends | None = Field(default=None, examples=[[["0.4 m", "0.1 m"], ["0.5 m", "0.2 m"]]])
+    """Opposite corners of a rectangle with sides along x and y."""
+
+    centre: Place | None = None
+    """Of a circle."""
+
+    radius: Size | None = None
+    """Of the circle."""
+
+    @model_validator(mode="after")
+    def _one_shape(self) -> Zone:
+        circle = (self.centre is not None, self.radius is not None)
+        if any(circle) == (self.corners is not None) or any(circle) != all(circle):
+            remedy = "For example 'centre: [0.45 m, 0.15 m]' and 'radius: 50 mm'."
+            raise wrong("expected either two corners, or a centre and a radius", remedy)
+        if self.corners and any(a == b for a, b in zip(*self.corners, strict=True)):
+            raise wrong("the corners are not opposite ones", "They differ in x and in y.")
+        return self
+
+
+class Line(Section):
+    """All stored fields along a straight line, whenever fields are stored."""
+
+    type: Literal["line"]
+    """Kind of probe."""
+
+    ends: Ends = Field(examples=[[["0.1 m", "0.15 m"], ["0.8 m", "0.15 m"]]])
+    """Reference positions of both ends."""
+
+    points: Samples = 101
+    """Number of equidistant points."""
+
+
+class Yarn(Section):
+    """All stored fields along a yarn, from edge to edge, whenever fields are stored."""
+
+    type: Literal["yarn"]
+    """Kind of probe."""
+
+    family: Family
+    """Family of the yarn."""
+
+    through: Place = Field(examples=[["0.45 m", "0.15 m"]])
+    """Reference position of a point of it."""
+
+    points: Samples = 101
+    """Number of equidistant points."""
+
+
+Probe = Annotated[
+    PointProbe | Extensometer | Zone | Line | Yarn,
+    Field(discriminator="type"),
+]
+
+
+def _probe_name(name: str) -> str:
+    if not (name.isidentifier() and name.isascii()):
+        remedy = "It is part of names of columns: letters, digits and underscores, a letter first."
+        raise wrong(f"{describe(name)} cannot be the name of a probe", remedy)
+    return name
+
+
 class Output(Section):
     """What is written besides the history."""
 
@@ -216,3 +324,19 @@ class Output(Section):
     )
     """Wall time or number of steps between checkpoints, from which a run can go on; one more is
     written at the end. False for none."""
+
+    probes: Mapping[Annotated[str, AfterValidator(_probe_name)], Probe] = Field(
+        default={}, examples=[{"centre": {"type": "point", "at": ["0.45 m", "0.15 m"]}}]
+    )
+    """Named places: points, extensometers and zones are columns of the history, lines and yarns
+    are written to lines.csv."""
+
+    @property
+    def lines(self) -> Mapping[str, Line | Yarn]:
+        """The probes that are written wherever fields are stored."""
+        return {n: p for n, p in self.probes.items() if isinstance(p, Line | Yarn)}
+
+    @property
+    def gauges(self) -> Mapping[str, PointProbe | Extensometer | Zone]:
+        """The probes that are written on every step."""
+        return {n: p for n, p in self.probes.items() if not isinstance(p, Line | Yarn)}

@@ -118,6 +118,24 @@ def is_quantity(text: str) -> bool:
     return len(text) <= LONGEST and _QUANTITY.fullmatch(text) is not None
 
 
+def in_one_unit(values: list[Any]) -> tuple[list[Any], str]:
+    """Return a list of numbers in which the unit at the end serves for all; others as they are.
+
+    With it the number, if there is one, that has no unit although others have one.
+    """
+    texts = (str(v) if isinstance(v, int | float | str) else "" for v in values)
+    found = [_QUANTITY.fullmatch(text) if len(text) <= LONGEST else None for text in texts]
+    numbers = [match for match in found if match]
+    bare = [match[0] for match in numbers if not match["unit"] and float(match["number"])]
+    if len(numbers) < len(values) or not bare or not any(match["unit"] for match in numbers):
+        return values, ""
+    *others, last = (match["unit"] for match in numbers)
+    if any(others) or not last:
+        return values, bare[0]
+    pairs = zip(values, numbers, strict=True)
+    return [v if match["unit"] else f"{v} {last}" for v, match in pairs], ""
+
+
 def _factor(given: str, unit: str) -> float:
     """Return how many ``unit`` one ``given`` is."""
     if given == unit:

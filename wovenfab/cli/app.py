@@ -1,7 +1,4 @@
-"""The arguments and options that several commands share.
-
-The ``wovenfab`` command and what all of its subcommands share.
-"""
+"""The ``wovenfab`` command: its subcommands with their arguments and options."""
 
 from __future__ import annotations
 
@@ -9,8 +6,9 @@ import os
 import sys
 import traceback
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -18,83 +16,69 @@ from wovenfab import __version__
 from wovenfab.case import CaseError
 from wovenfab.cli.console import (
     BAD_INPUT,
-    FAILED_STEP,
     INTERRUPTED,
     Console,
     prepare_streams,
-    was_interrupted,
 )
+from wovenfab.simulation.progress import signal_behind
 
+_option = partial(typer.Option, show_default=False)
+_directory = partial(_option, "-o", "--output")
+_argument = partial(typer.Argument, show_default=False)
 
-def _directory(what: str) -> Any:
-    return typer.Option("-o", "--output", show_default=False, help=what)
-
-
-CaseFile = Annotated[Path, typer.Argument(help="The case file (YAML).", show_default=False)]
+CaseFile = Annotated[Path, _argument(help="The case file (YAML).")]
 Overrides = Annotated[
     list[str] | None,
-    typer.Option(
+    _option(
         "--set",
         metavar="KEY=VALUE",
-        show_default=False,
         help='Change a value of the case, as in --set effects.shear.stiffness="500 N/m".',
     ),
 ]
 Jobs = Annotated[
-    int | None,
+    int | None, _option("--jobs", "-j", min=1, help="Runs side by side; one a processor.")
+]
+OnCluster = Annotated[
+    str,
     typer.Option(
-        "--jobs", "-j", min=1, show_default=False, help="Runs side by side; one a processor."
+        "--cluster",
+        metavar="local|slurm|ADDRESS",
+        help="Where runs are made: here, by jobs of Slurm, or by a Dask scheduler (tcp://HOST:PORT).",
     ),
 ]
+Ranks = Annotated[int, typer.Option("--ranks", min=1, help="MPI ranks of each run.")]
 Output = Annotated[
     Path | None,
     _directory(
-        "Directory of all that is written; a folder of results/ with the name of the case "
+        help="Directory of all that is written; a folder of results/ named after the case "
         "unless given."
     ),
 ]
-AccuracyOutput = Annotated[
-    Path | None,
-    _directory(
-        "Directory of runs, table and diagrams; results/<name of the case>-accuracy unless given."
-    ),
-]
-SweepOutput = Annotated[
-    Path | None,
-    _directory("Directory of all results; results/<name of the first file>-sweep unless given."),
-]
 Until = Annotated[
     str | None,
-    typer.Option(
+    _option(
         "--until",
         metavar="TIME",
-        show_default=False,
         help='Pause at this time of the program, as in --until "12 s"; resume goes on.',
     ),
 ]
 Verbose = Annotated[
     int,
-    typer.Option(
+    _option(
         "-v",
         "--verbose",
         count=True,
-        show_default=False,
         help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
     ),
 ]
-Log = Annotated[
-    Path | None,
-    typer.Option("--log", show_default=False, help="Write all of that, with times, to a file."),
-]
+Log = Annotated[Path | None, _option("--log", help="Write all of that, with times, to a file.")]
 Petsc = Annotated[
     list[str] | None,
-    typer.Argument(
-        help="PETSc options after a double dash, as in -- -snes_monitor.", show_default=False
-    ),
+    _argument(help="PETSc options after a double dash, as in -- -snes_monitor."),
 ]
 Page = Annotated[
     Path | None,
-    _directory("Page of several runs; comparison.html in the folder that holds them all."),
+    _directory(help="Page of several runs; comparison.html in the folder that holds them all."),
 ]
 
 
@@ -147,17 +131,25 @@ def run(
     made or the sheet buckled; 4: results could not be written; 130 or 143: interrupted. All
     results before that are in the directory.
     """
-    from wovenfab.cli.run import Options, run_case
+    from wovenfab.cli.run import run_case
 
-    options = Options(overwrite, resume, until, tuple(petsc or ()), verbose, log)
-    sys.exit(run_case(case, output, overrides or [], options))
+    code = run_case(
+        case,
+        output,
+        overrides or [],
+        overwrite=overwrite,
+        resume=resume,
+        until=until,
+        petsc=petsc or (),
+        verbosity=verbose,
+        log_file=log,
+    )
+    sys.exit(code)
 
 
 @app.command()
 def resume(
-    directory: Annotated[
-        Path, typer.Argument(help="The results directory of the run.", show_default=False)
-    ],
+    directory: Annotated[Path, _argument(help="The results directory of the run.")],
     overrides: Overrides = None,
     until: Until = None,
     verbose: Verbose = 0,
@@ -169,10 +161,8 @@ def resume(
     A finished run goes on with a longer program: --set "program.amplitudes=[20 mm, 40 mm]".
     Exit codes as of run.
     """
-    from wovenfab.cli.run import Options, run_case
-
-    options = Options(False, True, until, tuple(petsc or ()), verbose, log)
-    sys.exit(run_case(directory / "case.yaml", directory, overrides or [], options))
+    case = directory / "case.yaml"
+    run(case, directory, overrides, False, True, until, verbose, log, petsc)
 
 
 @app.command()
@@ -200,10 +190,9 @@ def sensitivities(
     overrides: Overrides = None,
     by: Annotated[
         list[str] | None,
-        typer.Option(
+        _option(
             "--by",
             metavar="PARAMETER",
-            show_default=False,
             help="A parameter, as in --by shear.stiffness; all of the case unless given.",
         ),
     ] = None,
@@ -219,11 +208,11 @@ def sensitivities(
 
 @app.command()
 def fit(
-    files: Annotated[
-        list[Path], typer.Argument(help="Fit files (YAML), one or more.", show_default=False)
-    ],
+    files: Annotated[list[Path], _argument(help="Fit files (YAML), one or more.")],
     output: Output = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Find material parameters from measured curves: values, intervals, a page, the fitted case.
 
@@ -232,8 +221,9 @@ def fit(
     compared by their misfit and by the Bayesian information criterion.
     """
     from wovenfab.cli.studies import fit_all
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(fit_all(files, output, jobs or os.cpu_count() or 1))
+    sys.exit(fit_all(files, output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()
@@ -250,7 +240,7 @@ def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) 
 @app.command()
 def accuracy(
     case: CaseFile,
-    output: AccuracyOutput = None,
+    output: Output = None,
     overrides: Overrides = None,
     minutes: Annotated[
         float,
@@ -271,22 +261,21 @@ def accuracy(
 
 @app.command()
 def sweep(
-    cases: Annotated[
-        list[Path], typer.Argument(help="Case files, or a sweep file (YAML).", show_default=False)
-    ],
+    cases: Annotated[list[Path], _argument(help="Case files, or a sweep file (YAML).")],
     over: Annotated[
         list[str] | None,
-        typer.Option(
+        _option(
             "--over",
             metavar="KEY=VALUE,VALUE",
-            show_default=False,
             help='Values of a key, as in --over "sheet.length=0.6 m,0.9 m"; all combinations are '
             "run.",
         ),
     ] = None,
     overrides: Overrides = None,
-    output: SweepOutput = None,
+    output: Output = None,
     jobs: Jobs = None,
+    ranks: Ranks = 1,
+    cluster: OnCluster = "local",
 ) -> None:
     """Run a case with other values side by side: a table and a picture of all loops.
 
@@ -294,25 +283,23 @@ def sweep(
     Exit code 0: all finished; 2: a case cannot be used, nothing is run; 3: a run failed.
     """
     from wovenfab.cli.studies import run_sweep
+    from wovenfab.study.cluster import Cluster
 
-    sys.exit(run_sweep(cases, over or [], overrides or [], output, jobs))
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, Cluster(cluster, jobs, ranks)))
 
 
 @app.command()
 def report(
-    directories: Annotated[
-        list[Path], typer.Argument(help="Results directories, one or more.", show_default=False)
-    ],
+    directories: Annotated[list[Path], _argument(help="Results directories, one or more.")],
     output: Page = None,
     animation: Annotated[
         bool, typer.Option("--animation", help="One cycle in motion, too: animation.gif.")
     ] = False,
     lab: Annotated[
         Path | None,
-        typer.Option(
+        _option(
             "--lab",
             metavar="FILE",
-            show_default=False,
             help="A measured curve: draw the runs over it (lab.png) and say how far they are.",
         ),
     ] = None,
@@ -321,6 +308,40 @@ def report(
     from wovenfab.cli.report import report_results
 
     sys.exit(report_results(directories, output, animation, lab))
+
+
+@app.command()
+def export(
+    directory: Annotated[Path, typer.Argument(help="The results directory.", show_default=False)],
+    output: Annotated[
+        Path | None, _directory(help="Where the files go; export in the results directory.")
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            "--at",
+            "--times",
+            show_default=False,
+            help="Times or displacements, as in --at 0.5,1 or --at '20 mm, 40 mm'.",
+        ),
+    ] = None,
+    every: Annotated[
+        int | None, typer.Option("--every", min=1, help="Every so many stored times.")
+    ] = None,
+    last: Annotated[bool, typer.Option("--last", help="The last stored time.")] = False,
+    compare: Annotated[
+        Path | None,
+        typer.Option(
+            "--compare",
+            metavar="FILE",
+            help="Measured displacements of points (x, y, ux, uy): map of the distances.",
+        ),
+    ] = None,
+) -> None:
+    """Write stored fields as VTU and CSV, or compare them with a camera's cloud of points."""
+    from wovenfab.cli.report import export_results
+
+    sys.exit(export_results(directory, output, at, every, last, compare))
 
 
 @app.command()
@@ -356,7 +377,7 @@ def guarded(command: Callable[[], None]) -> None:
         console.problem(str(error))
         sys.exit(BAD_INPUT)
     except Exception as error:
-        if was_interrupted(error):
+        if signal_behind(error):
             console.problem("interrupted")
             sys.exit(INTERRUPTED)
         # A fault of the program: say so, and take the other ranks down with this one.
@@ -370,6 +391,3 @@ def guarded(command: Callable[[], None]) -> None:
 def main() -> None:
     """Run ``wovenfab``."""
     guarded(lambda: app(prog_name="wovenfab"))
-
-
-__all__ = ["BAD_INPUT", "FAILED_STEP", "app", "guarded", "main"]

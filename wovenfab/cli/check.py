@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from forms import effects
 from forms.effect import Needs
-from wovenfab.case import Case, acting, read_case
+from wovenfab.case import Case, read_case
+from wovenfab.case.effects import acting
 from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import memory
 
@@ -16,29 +17,31 @@ if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
 
 
-def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
-    """Validate a case file, say what would be built and return the exit code.
+#: Triangles above which unknowns are estimated: a mesh takes time to make.
+MOST_COUNTED = 1_500
 
-    Args:
-        path: The case file.
-        overrides: Values that replace those of the file.
-        resolved: Whether to print the case as a whole instead.
-    """
+
+def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
+    """Validate a case file, say what would be built and return the exit code."""
     console = Console()
     case = read_case(path, overrides)
     if resolved:
         console.say(case.to_yaml().rstrip())
         return 0
+    for line in case.remarks():
+        console.say(line)
     from mpi4py import MPI
 
-    from wovenfab.simulation.from_case import program_of_case, require_memory, sheet_of
+    from wovenfab.simulation.from_case import estimated_unknowns, sheet_of
+    from wovenfab.simulation.progress import require_memory
 
-    sheet = sheet_of(case, MPI.COMM_WORLD)
-
-    steps = len(program_of_case(case).milestones) - 1
-    unknowns = count_unknowns(case, sheet)
-    require_memory(case, unknowns, MPI.COMM_WORLD)
-    for line in describe(case, unknowns, steps):
+    comm = MPI.COMM_WORLD
+    unknowns = estimated_unknowns(case, comm)
+    most = MOST_COUNTED * case.discretisation.degree**2 * case.needs.placements
+    if exact := unknowns < most:
+        unknowns = count_unknowns(case, sheet_of(case, comm))
+    require_memory(case, unknowns, comm)
+    for line in describe(case, unknowns, exact):
         console.say(line)
     return 0
 
@@ -51,7 +54,7 @@ def count_unknowns(case: Case, sheet: Sheet) -> int:
     return placements_on(sheet.mesh, degree, count, sheet.jumps).unknowns
 
 
-def describe(case: Case, unknowns: int, steps: int) -> list[str]:
+def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
     """Return in words what a run would build, and what other effects would change."""
     needs = case.needs
     curving = [e.name for e in case.scene if e.effect.needs.second_gradient]
@@ -59,6 +62,7 @@ def describe(case: Case, unknowns: int, steps: int) -> list[str]:
     time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
     present = [f"{e.name} ({e.effect.law})" if e.effect.law else e.name for e in case.scene]
     inert = [e.name for e in case.scene if e not in acting(case.scene)]
+    count = _grouped(unknowns) if exact else f"about {_grouped(round(unknowns, -3))}"
     brought: dict[str, list[str]] = {}
     for effect in effects().values():
         if effect.name not in case.effects:
@@ -66,8 +70,8 @@ def describe(case: Case, unknowns: int, steps: int) -> list[str]:
     return [
         f"{case.name}: {case.title}" if case.title else case.name,
         f"effects: {', '.join(present)}",
-        f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {_grouped(unknowns)} unknowns, "
-        f"{steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
+        f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {count} unknowns, "
+        f"{case.planned_steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
         *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
         "the case is valid",
@@ -88,8 +92,7 @@ def _brought(now: Needs, more: Needs) -> str:
         (more.rate and not now.rate, "rates, so that speed matters"),
         (more.increment and not now.history, "history"),
     )
-    found = [what for is_new, what in news if is_new]
-    return " and ".join(found) or "its own terms only"
+    return " and ".join(what for is_new, what in news if is_new) or "its own terms only"
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -1,15 +1,16 @@
-"""Messages and progress with the time left, from the first of all ranks."""
+"""Messages, log and progress with the time left, from the first of all ranks."""
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import time
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from wovenfab.simulation.progress import Progress
@@ -26,24 +27,22 @@ PAUSE = 5.0
 UNKNOWN = 0.01
 #: Variables in which MPI's launchers tell a process its rank.
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
+#: Levels of ``-v`` and ``-vv``.
+LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
+_FILE_FORMAT = "%(asctime)s %(levelname)-7s %(name)s: %(message)s"
+#: How many ranks srun has started; the last one above is set in the script of a job, too.
+OF_SRUN = "SLURM_STEP_NUM_TASKS"
 
 
 def is_launched() -> bool:
     """Return whether an MPI launcher started this process; it hides what the terminal is."""
-    return any(name in os.environ for name in RANKS)
+    by_srun = int(os.environ.get(OF_SRUN, "1")) > 1
+    return by_srun or any(name in os.environ for name in RANKS[:-1])
 
 
 def is_first_rank() -> bool:
     """Return whether this process is the first rank, without loading MPI."""
     return next((os.environ[name] for name in RANKS if name in os.environ), "0") == "0"
-
-
-def was_interrupted(error: BaseException) -> bool:
-    """Return whether Ctrl-C is behind an error: PETSc hands it on as one of its own."""
-    cause: BaseException | None = error
-    while cause is not None and not isinstance(cause, KeyboardInterrupt):
-        cause = cause.__cause__
-    return cause is not None
 
 
 def prepare_streams() -> None:
@@ -64,6 +63,7 @@ class Console:
         self._first = is_first_rank()
         self._bar: Any = None
         self._task: Any = None
+        self._rows: dict[str, Any] = {}
         self._last = time.monotonic()
         self._done = 0.0
         self._phase = ""
@@ -121,16 +121,21 @@ class Console:
             self._task = self._bar.add_task("starting", total=1.0, state="")
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop the live bar."""
         if self._bar:
             self._bar.stop()
             self._bar = None
+
+    def rows(self, shares: Mapping[str, float]) -> None:
+        """Show below the bar a row for each of several runs: its share that is done, time left."""
+        if self._bar:
+            for name in self._rows.keys() - shares.keys():
+                self._bar.remove_task(self._rows.pop(name))
+            for name, share in shares.items():
+                if name not in self._rows:
+                    self._rows[name] = self._bar.add_task(f"  {name}", total=1.0, state="")
+                self._bar.update(self._rows[name], completed=share)
 
     def progress(self, now: Progress) -> None:
         """Show progress: the bar, or a line every few seconds."""
@@ -171,3 +176,51 @@ def duration(seconds: float) -> str:
     """Return a time in words."""
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+class _Printer(logging.Handler):
+    """Hands each message to a function."""
+
+    def __init__(self, show: Callable[[str], None]) -> None:
+        super().__init__()
+        self._show = show
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._show(self.format(record))
+
+
+def configure_log(
+    verbosity: int, file: Path | None, show: Callable[[str], None], first_rank: bool
+) -> None:
+    """Choose what is logged and where; nothing is unless asked for.
+
+    Every module logs to ``logging.getLogger(__name__)``: decisions that last (a cut step, a change
+    to stress at points) are INFO, Newton iterations DEBUG. All ranks have the same level, because
+    norms are collective; only the first one has handlers.
+
+    Args:
+        verbosity: 0 for nothing, 1 for decisions, 2 for each Newton iteration, on the screen.
+        file: Gets all of it with its time, whatever the screen shows; None for no file.
+        show: Shows a message on the screen.
+        first_rank: Whether this process is the first rank, which alone writes.
+
+    Raises:
+        OSError: If the file cannot be written.
+    """
+    package = logging.getLogger("wovenfab")
+    for handler in package.handlers[:]:
+        package.removeHandler(handler)
+        handler.close()
+    screen = LEVELS[min(verbosity, len(LEVELS) - 1)]
+    package.setLevel(screen if file is None else logging.DEBUG)
+    package.propagate = False
+    if not first_rank:
+        package.addHandler(logging.NullHandler())
+        return
+    printer = _Printer(show)
+    printer.setLevel(screen)
+    package.addHandler(printer)
+    if file is not None:
+        writer = logging.FileHandler(file, mode="w", encoding="utf-8")
+        writer.setFormatter(logging.Formatter(_FILE_FORMAT))
+        package.addHandler(writer)

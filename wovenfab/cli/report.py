@@ -1,11 +1,16 @@
-"""``wovenfab report``."""
+"""``wovenfab report`` and ``wovenfab export``."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from wovenfab.cli.console import BAD_INPUT, Console
+
+if TYPE_CHECKING:
+    from wovenfab.report.page_blocks import Section
 
 #: Results are whole, but something of the report could not be drawn.
 NOT_DRAWN = 1
@@ -19,35 +24,52 @@ def report_results(
 ) -> int:
     """Report one run in its directory, or several on one page; return the exit code.
 
-    Args:
-        directories: The results directories.
-        output: The page of several runs, if not in the folder that holds them.
-        animation: Whether to draw one cycle in motion, too.
-        lab: A measured curve, over which the runs are drawn.
+    ``lab`` is a measured curve, over which the runs are drawn.
     """
     console = Console()
-    for directory in directories:
-        if not (directory / "history.csv").is_file():
-            console.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
-            return BAD_INPUT
+    if _lacks_results(console, directories):
+        return BAD_INPUT
     if animation and len(directories) > 1:
         console.problem("--animation shows one run: name one directory")
         return BAD_INPUT
-    if lab is not None:
-        return _measured(console, directories, output, lab)
-    if len(directories) > 1:
-        return _compare(console, directories, output)
-    if output is not None:
+    if len(directories) == 1 and output is not None:
         console.problem("-o names the page of several runs; that of one is in its own directory")
         return BAD_INPUT
-    return _report(console, directories[0], animation)
+    from wovenfab.report.pages import default_place
 
-
-def _report(console: Console, directory: Path, animation: bool) -> int:
-    from wovenfab.report.pictures import REPORT, ReportError, draw
-
+    page = output or default_place(directories)
+    folder = directories[0] if len(directories) == 1 else page.parent
     try:
-        drawn, problem = draw(directory, (*REPORT, *(["animation"] if animation else []))), None
+        measured = [] if lab is None else [_measured(console, directories, lab, folder)]
+        if len(directories) == 1:
+            return _report(console, directories[0], animation, measured)
+        from wovenfab.report.pages import write_comparison
+
+        console.say(str(write_comparison(directories, page, measured)))
+    except (OSError, ValueError) as error:
+        console.problem(str(error))
+        return BAD_INPUT
+    return 0
+
+
+def _lacks_results(console: Console, directories: Sequence[Path]) -> bool:
+    """Say which directory holds no results, if one does not."""
+    for directory in directories:
+        if not (directory / "history.csv").is_file():
+            console.problem(f"{directory} holds no results of wovenfab (there is no history.csv)")
+            return True
+    return False
+
+
+def _report(
+    console: Console, directory: Path, animation: bool, more: Sequence[Section] = ()
+) -> int:
+    from wovenfab.report.pictures import MAKERS, REPORT, ReportError, draw, draw_page
+
+    names, makers = (*REPORT, *(["animation"] if animation else [])), dict(MAKERS)
+    makers["page"] = partial(draw_page, more=more)
+    try:
+        drawn, problem = draw(directory, names, makers), None
     except ReportError as error:
         drawn, problem = error.drawn, str(error)
     for path in drawn:
@@ -57,36 +79,83 @@ def _report(console: Console, directory: Path, animation: bool) -> int:
     return 0 if problem is None else NOT_DRAWN
 
 
-def _compare(console: Console, directories: Sequence[Path], output: Path | None) -> int:
-    from wovenfab.report.pages import default_place, write_comparison
+def _measured(console: Console, directories: Sequence[Path], lab: Path, folder: Path) -> Section:
+    """Draw runs over a measured curve, say how far they are, and return a section with that."""
+    from wovenfab.report.fit import LAB, measured_figure
+    from wovenfab.report.page_blocks import Table, section, vector
+    from wovenfab.report.pages import labels
+    from wovenfab.report.run_data import open_run_data
+    from wovenfab.report.style import house_style, save
+    from wovenfab.study.fit.measured import read_measured
 
+    measured = read_measured(lab)
+    runs = list(zip(labels(directories), map(open_run_data, directories), strict=True))
+    with house_style():
+        figure, rows = measured_figure(runs, measured)
+        path = save(figure, folder / LAB)
+    for name, distance in rows:
+        console.say(f"{name}: {distance}")
+    console.say(str(path))
+    said = "; ".join(f"{name}: {distance}" for name, distance in rows)
+    caption = f"Computed forces (lines) over the measured ones of {lab.name} (points)."
+    table = Table("Distance from the measured forces", ["run", "distance"], rows, numbers=False)
+    return section("Measured curve", lambda: [vector(figure, "lab", caption, said), table])
+
+
+def export_results(
+    directory: Path,
+    output: Path | None,
+    at: str | None = None,
+    every: int | None = None,
+    last: bool = False,
+    cloud: Path | None = None,
+) -> int:
+    """Write stored fields as VTU and CSV, or compare them with a cloud; return the exit code.
+
+    Args:
+        directory: The results directory.
+        output: Where the files go; ``export`` in the results directory if None.
+        at: Times or displacements of the program, separated by commas.
+        every: Every so many stored times.
+        last: The last stored time.
+        cloud: Measured displacements at points, to be compared with those at one time.
+    """
+    from wovenfab.report.export import FOLDER, chosen_times, compare, export, write_distances
+    from wovenfab.report.run_data import largest, open_run_data, stored_of
+    from wovenfab.report.style import house_style, millimetres
+    from wovenfab.study.fit.measured import read_cloud
+
+    console = Console()
+    if _lacks_results(console, [directory]):
+        return BAD_INPUT
     try:
-        path = write_comparison(directories, output or default_place(directories))
+        source, stored = open_run_data(directory), stored_of(directory)
+        if stored is None:
+            raise ValueError(f"{directory} has no fields: the run wrote none")
+        texts = at.split(",") if at else []
+        times = chosen_times(source, stored, texts, every, last)
+        folder = output or directory / FOLDER
+        if cloud is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            for index in times:
+                words = f"step {stored.steps[index]}, {stored.times[index]:.6g} s"
+                for path in export(stored, index, folder):
+                    console.say(f"{path} ({words})")
+            return 0
+        if not (texts or every or last):
+            times = [largest(source, stored).index]
+        if len(times) > 1:
+            raise ValueError("a cloud is of one time: name it, as in --at '20 mm'")
+        found = compare(stored, times[0], *read_cloud(cloud))
+        folder.mkdir(parents=True, exist_ok=True)
+        reached = float(source.reached(stored)[times[0]])
+        words = f"step {stored.steps[times[0]]}, {millimetres(reached)}"
+        console.say(f"{words}: {found}")
+        name = folder / f"step-{stored.steps[times[0]]:06d}-distance"
+        with house_style():
+            for path in write_distances(found, source, stored, f"{words}; {cloud.name}", name):
+                console.say(str(path))
     except (OSError, ValueError) as error:
         console.problem(str(error))
         return BAD_INPUT
-    console.say(str(path))
-    return 0
-
-
-def _measured(console: Console, directories: Sequence[Path], output: Path | None, lab: Path) -> int:
-    """Draw runs over a measured curve, and say how far they are from it."""
-    from wovenfab.report.fit import LAB, draw_measured
-    from wovenfab.report.pages import default_place, labels
-    from wovenfab.report.run_data import open_run_data
-    from wovenfab.study.fit.measured import read_measured
-    from wovenfab.study.fit.response import BranchError
-
-    measured = read_measured(lab)
-    place = directories[0] / LAB if len(directories) == 1 else default_place(directories)
-    path = output or place.with_name(LAB)
-    try:
-        runs = list(zip(labels(directories), map(open_run_data, directories), strict=True))
-        misfits = draw_measured(runs, measured, path)
-    except (OSError, ValueError, BranchError) as error:
-        console.problem(str(error))
-        return BAD_INPUT
-    for name, misfit in misfits:
-        console.say(f"{name}: {100 * misfit:.2f} % of the largest force from {lab.name}")
-    console.say(str(path))
     return 0

@@ -5,13 +5,11 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from signal import Signals
 from typing import Any
 
-from wovenfab import log
 from wovenfab.case import CaseError, read_case, units
 from wovenfab.case.errors import Problem
 from wovenfab.cli.console import (
@@ -20,6 +18,7 @@ from wovenfab.cli.console import (
     FAILED_STEP,
     SIGNALLED,
     Console,
+    configure_log,
     is_first_rank,
     is_launched,
 )
@@ -34,46 +33,30 @@ SLOW_BLAS = (
 FAST_BLAS = ("openblas", "mkl", "blis", "libflexiblas")
 
 
-@dataclass(frozen=True)
-class Options:
-    """How a case is run.
-
-    Attributes:
-        overwrite: Replace the results of an earlier run there.
-        resume: Go on with the earlier run there.
-        until: Time at which the run pauses, text with a unit; None for its end.
-        petsc: Options for PETSc.
-        verbosity: How much is logged on the screen: 0 to 2.
-        log_file: Gets the whole log; None for no file.
-    """
-
-    overwrite: bool = False
-    resume: bool = False
-    until: str | None = None
-    petsc: tuple[str, ...] = ()
-    verbosity: int = 0
-    log_file: Path | None = None
-
-
 def run_case(
-    path: Path, output: Path | None, overrides: Sequence[str], options: Options | None = None
+    path: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    *,
+    overwrite: bool = False,
+    resume: bool = False,
+    until: str | None = None,
+    petsc: Sequence[str] = (),
+    verbosity: int = 0,
+    log_file: Path | None = None,
 ) -> int:
-    """Run a case file and return the exit code; collective.
+    """Run a case file, in ``results/<its name>`` by default; return the exit code; collective.
 
-    Args:
-        path: The case file.
-        output: The results directory; ``results/<name of the case>`` if None.
-        overrides: Values that replace those of the file.
-        options: How it is run.
+    Arguments are those of the command: ``until`` is a time with its unit, ``verbosity`` 0 to 2.
     """
-    started, options = time.perf_counter(), options or Options()
-    case, until = read_case(path, overrides), _seconds(options.until)
+    started = time.perf_counter()
+    case, end = read_case(path, overrides), _seconds(until)
     directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
     with Interruption(is_launched()) as interruption, console:
         try:
-            log.configure(options.verbosity, options.log_file, console.log, is_first_rank())
+            configure_log(verbosity, log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
-            _start_petsc(options.petsc)
+            _start_petsc(petsc)
             from wovenfab.interface import Listener, execute
 
             watch.seconds["import"] = time.perf_counter() - started
@@ -82,11 +65,11 @@ def run_case(
             run = execute(
                 case,
                 directory,
-                options.overwrite,
+                overwrite,
                 listener=Listener(console.say, console.progress),
                 watch=watch,
-                resume=options.resume,
-                until=until,
+                resume=resume,
+                until=end,
                 interruption=interruption,
             )
         except (ResultsExistError, NothingToResumeError) as error:

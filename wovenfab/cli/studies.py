@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
@@ -21,6 +20,7 @@ from wovenfab.cli.console import (
 from wovenfab.record.results import write_csv
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.progress import Progress
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
@@ -136,7 +136,9 @@ def differentiate(
     """Write and draw the derivatives of a run by its parameters; collective."""
     case = read_case(path, overrides)
     from mpi4py import MPI
+    from pydantic_core import PydanticCustomError
 
+    from wovenfab.case.errors import reason
     from wovenfab.report.study_pictures import draw_sensitivities
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
@@ -147,9 +149,8 @@ def differentiate(
     console = Console()
     try:
         targets = [target_of(name, case) for name in by] or parameters_of(case)
-    except ValueError as error:
-        message, _, remedy = str(error).partition("|")
-        raise CaseError([case.problem("effects", message, remedy)]) from error
+    except PydanticCustomError as error:
+        raise CaseError([case.problem("effects", *reason(error))]) from error
     end = program_of_case(case).milestones[-1].time
 
     def report(step: Step) -> None:
@@ -186,7 +187,7 @@ def run_sweep(
     over: Sequence[str],
     overrides: Sequence[str],
     output: Path | None,
-    jobs: int | None,
+    cluster: Cluster,
 ) -> int:
     """Run every member of a sweep, draw them together and return the exit code."""
     cases, variations = _varied(paths, over)
@@ -194,7 +195,7 @@ def run_sweep(
     directory = output or Path("results") / f"{paths[0].stem}-sweep"
     console = Console()
     try:
-        runs = run_members(members, directory, jobs, console)
+        runs = run_members(members, directory, cluster, console)
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED
@@ -204,15 +205,16 @@ def run_sweep(
 
 
 def run_members(
-    members: Sequence[Member], directory: Path, jobs: int | None, console: Console
+    members: Sequence[Member], directory: Path, cluster: Cluster, console: Console
 ) -> list[Run]:
     """Run members side by side; show the progress and update their table after each."""
-    jobs = jobs or len(os.sched_getaffinity(0))
-    phase = f"{len(members)} runs, {jobs} side by side"
+    where = f"{cluster.side_by_side} side by side" if cluster.is_local else f"on {cluster.name}"
+    phase = f"{len(members)} runs, {where}"
 
     def report(state: Sweep, run: Run | None) -> None:
         ended, count = sum(r.ended for r in state.runs), len(state.runs)
         console.progress(Progress(phase, state.share))
+        console.rows({r.member.name: r.done for r in state.runs if not r.ended and r.done})
         if run is None:
             return
         write_table(state.runs, directory)
@@ -223,7 +225,7 @@ def run_members(
             console.say(f"{ended} of {count}: {run.member.name} took {duration(run.seconds)}{left}")
 
     with console:
-        runs = sweep(members, directory, jobs, report)
+        runs = sweep(members, directory, cluster, report)
     if unchanged := sum(run.state == "unchanged" for run in runs):
         console.say(f"{unchanged} of {len(runs)} runs were there already")
     return runs
@@ -267,7 +269,7 @@ if TYPE_CHECKING:
     from wovenfab.study.fit.search import Found
 
 
-def fit_all(paths: Sequence[Path], output: Path | None, jobs: int) -> int:
+def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int:
     """Find the parameters that fit files ask for, compare several; return the exit code."""
     console = Console()
     if is_launched():
@@ -283,9 +285,8 @@ def fit_all(paths: Sequence[Path], output: Path | None, jobs: int) -> int:
         directory = output or Path("results") / fit.name
         if output and len(fits) > 1:
             directory = output / fit.name
-        directory.mkdir(parents=True, exist_ok=True)
         try:
-            known[fit.name] = _fit(console, fit, directory, jobs)
+            known[fit.name] = _fit(console, fit, directory, cluster)
         except (TrialError, BranchError) as failure:
             console.problem(str(failure))
             return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
@@ -298,7 +299,7 @@ def fit_all(paths: Sequence[Path], output: Path | None, jobs: int) -> int:
     return 0
 
 
-def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
+def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Knowledge:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page, write_result
     from wovenfab.study.fit.knowledge import in_words, knowledge
@@ -306,7 +307,8 @@ def _fit(console: Console, fit: Fit, directory: Path, jobs: int) -> Knowledge:
     from wovenfab.study.fit.search import profile, search
 
     console.say(f"{fit.name}: {len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
-    with console, Objective(fit, directory / RUNS, jobs, _reporter(console, fit)) as objective:
+    place = directory / RUNS
+    with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
         found = search(objective, fit)
         e = found.evaluation
         known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)

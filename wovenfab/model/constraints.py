@@ -71,7 +71,7 @@ class DeadLoads:
             self.set(at)
             forces.append(self.force())
         self.set(program)
-        return (forces[0] - forces[1]) / (2 * DIFFERENCE)
+        return np.asarray((forces[0] - forces[1]) / (2 * DIFFERENCE))
 
     def force(self) -> NDArray[np.float64]:
         """Return the force (N) of all loads at this rank's own unknowns; collective."""
@@ -139,7 +139,7 @@ class Held:
         if self.field is None:
             return self.factor
         after, before = (self.at(positions, program + d) for d in (DIFFERENCE, -DIFFERENCE))
-        return (after - before) / (2 * DIFFERENCE)
+        return np.asarray((after - before) / (2 * DIFFERENCE))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import basix.ufl
 import numpy as np
 import ufl
 from dolfinx import fem
@@ -22,6 +21,7 @@ from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums, crossed_facets
 from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
+from wovenfab.model.memory import Memory, Variables, point_function
 from wovenfab.model.spaces import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
@@ -81,7 +81,9 @@ class Model:
         weights: Constant that scales an effect's share in potential, power and loss.
         point_frictions: Frictions whose stress is a variable at quadrature points.
         friction_force: Compiled forms of the force of their stresses.
-        loss: Compiled forms of the energy that set-valued laws dissipate in the step.
+        loss: Compiled forms of the energy that is lost in a step and depends on no rate: by
+            set-valued laws, and by stored energies whose internal variables change.
+        memory: The internal variables; None without any.
     """
 
     sheet: Sheet
@@ -104,6 +106,7 @@ class Model:
     loss: Sum
     weights: Mapping[str, fem.Constant]
     point_frictions: tuple[PointFriction, ...]
+    memory: Memory | None
 
     @property
     def comm(self) -> MPI.Comm:
@@ -147,8 +150,9 @@ class Model:
         return self.shares(self.power, [e.name for e in self.effects if e.needs.rate])
 
     def dissipated_energy(self) -> dict[str, float]:
-        """Return the energy (J) that each set-valued law dissipates in the step."""
-        return self.shares(self.loss, [e.name for e in self.effects if e.set_valued])
+        """Return the energy (J) that each effect without a rate loses in the step."""
+        lossy = [e.name for e in self.effects if e.loses and not e.needs.rate]
+        return self.shares(self.loss, lossy)
 
 
 @contextmanager
@@ -191,6 +195,14 @@ def build_model(
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
+    quadrature = numerics.quadrature or 2 * numerics.degree
+    degree = numerics.friction or max(numerics.degree - 1, 1)
+    variables = {
+        t.effect.name: Variables(mesh, t, degree if t.effect.set_valued else quadrature)
+        for t in terms
+        if t.effect.memory
+    }
+    terms = tuple(variables[n].term if (n := t.effect.name) in variables else t for t in terms)
     on_edges = partial(_measure, mesh, sheet)
     load_weight, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(3))
     loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
@@ -200,7 +212,7 @@ def build_model(
         field=field,
         rate=Rate(rate_weights, history, friction) if kept else None,
         degree=numerics.degree,
-        quadrature=numerics.quadrature or 2 * numerics.degree,
+        quadrature=quadrature,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
         facets=(crossed_facets(mesh, sheet.fibres[0]), crossed_facets(mesh, sheet.fibres[1])),
         held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
@@ -208,11 +220,12 @@ def build_model(
         load_weight=load_weight,
         geometric_weight=geometric_weight,
     )
-    degree = numerics.friction or max(numerics.degree - 1, 1)
+    memory = Memory(list(variables.values()), balance) if variables else None
     frictions = tuple(
         point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
+    sums["loss"] += [memory.released(t) for t in terms if memory and t.effect.releases]
     return Model(
         sheet=sheet,
         effects=tuple(effects),
@@ -228,6 +241,7 @@ def build_model(
         balance=balance,
         weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
         point_frictions=frictions,
+        memory=memory,
         **compile_sums(sums, mesh.comm),
     )
 
@@ -287,14 +301,9 @@ def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> P
     """Return a bounded friction with its stress at the points of a quadrature rule."""
     from forms.friction import PointFriction, components_of
 
-    element = basix.ufl.quadrature_element(
-        mesh.basix_cell(),
-        value_shape=(components_of(term, balance),),
-        scheme="default",
-        degree=degree,
-    )
-    space = fem.functionspace(mesh, element)
-    return PointFriction(term, balance, fem.Function(space), fem.Function(space), degree)
+    size = components_of(term, balance)
+    stress, tangent = (point_function(mesh, size, degree) for _ in "12")
+    return PointFriction(term, balance, stress, tangent, degree)
 
 
 def point_friction_forms(

@@ -2,68 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
+from math import isqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
+from wovenfab.case.schema import Line, Yarn
 from wovenfab.parallel import agree, on_root
 from wovenfab.record.field_file import FIELDS, UNLOCKED, FieldFile, triangles
+from wovenfab.record.results import LINES, rows_of, write_csv
+from wovenfab.sheet.lattice import ON_SIDE, Lattice, locate
 
 if TYPE_CHECKING:
     from mpi4py import MPI
-
-
-@dataclass(frozen=True)
-class Lattice:
-    """Equidistant points of the reference triangle (0,0), (1,0), (0,1) and their triangles.
-
-    Each cell has points of its own, so that a field may jump between cells.
-
-    Attributes:
-        degree: Number of intervals on a side, the degree of the fields.
-    """
-
-    degree: int
-
-    def __post_init__(self) -> None:
-        """Refuse a lattice without intervals."""
-        if self.degree < 1:
-            raise ValueError(f"a lattice needs a degree of at least 1, not {self.degree}")
-
-    @cached_property
-    def points(self) -> NDArray[np.float64]:
-        """Reference points, shape ((p+1)(p+2)/2, 2), row by row from the x axis."""
-        return np.array(self._nodes) / self.degree
-
-    @cached_property
-    def triangles(self) -> NDArray[np.int64]:
-        """Points of each sub-triangle, shape (p², 3), all oriented as the reference."""
-        number = {node: n for n, node in enumerate(self._nodes)}
-        corners = []
-        for i, j in self._nodes:
-            if i + j < self.degree:
-                corners.append([number[i, j], number[i + 1, j], number[i, j + 1]])
-            if i + j < self.degree - 1:
-                corners.append([number[i + 1, j], number[i + 1, j + 1], number[i, j + 1]])
-        return np.array(corners, dtype=np.int64)
-
-    @property
-    def _nodes(self) -> list[tuple[int, int]]:
-        """Integer coordinates of the points."""
-        p = self.degree
-        return [(i, j) for j in range(p + 1) for i in range(p + 1 - j)]
-
-    def connectivity(self, cells: int) -> NDArray[np.int64]:
-        """Return the triangles of ``cells`` consecutive lattices, shape (cells p², 3)."""
-        first = len(self.points) * np.arange(cells, dtype=np.int64)
-        return (first[:, None, None] + self.triangles[None]).reshape(-1, 3)
 
 
 class Blocks:
@@ -239,6 +198,64 @@ class StoredFields:
         """Return a field at ``times[index]`` on the points in SI units, shape (n,) or (n, 2)."""
         return _planar(self._load(f"steps/{self.steps[index]:06d}/{name}"))
 
+    @cached_property
+    def lattice(self) -> Lattice:
+        """The lattice that each cell has."""
+        with h5py.File(self.path, "r", **UNLOCKED) as file:
+            points, triangles = (file[f"mesh/{name}"].shape[0] for name in ("points", "triangles"))
+        # a cell has (p+1)(p+2)/2 points and p^2 triangles, a ratio that no two degrees share
+        return next(
+            Lattice(p)
+            for p in range(1, isqrt(triangles) + 1)
+            if 2 * p * p * points == (p + 1) * (p + 2) * triangles
+        )
+
+    def corners(self) -> NDArray[np.float64]:
+        """Return the corners (m) of the cells, shape (cells, 3, 2)."""
+        x, y = self.lattice.points.T
+        (ends,) = np.nonzero((x == 1) | (y == 1) | (x + y == 0))
+        return self.points().reshape(-1, len(x), 2)[:, ends]
+
+    def at(self, points: NDArray[np.float64]) -> Callable[[str, int], NDArray[np.float64]]:
+        """Return a function that gives a field, as ``field`` does, at any points of the sheet.
+
+        Where a field jumps, it has the value on the side of larger x; see
+        :mod:`wovenfab.sheet.lattice`. Points that are not on the sheet have the value NaN.
+
+        Args:
+            points: Reference positions, shape (n, 2), m.
+        """
+        corners = self.corners()
+        cells, local, _ = locate(corners, points)
+        matrix = self.lattice.at_points(cells, local, len(corners))
+
+        def field(name: str, index: int) -> NDArray[np.float64]:
+            if name == "beta":  # the length of a vector is no polynomial
+                relative = field("relative_displacement", index)
+                return np.asarray(np.linalg.norm(relative, axis=1))
+            values = np.asarray(matrix @ self.field(name, index))
+            values[cells < 0] = np.nan
+            return values
+
+        return field
+
+    def columns(
+        self, index: int, field: Callable[[str, int], NDArray[np.float64]] | None = None
+    ) -> dict[str, NDArray[np.float64]]:
+        """Return all fields at ``times[index]`` as columns of a table, units in their names.
+
+        Args:
+            index: Which time.
+            field: What ``at`` has returned; at the stored points if None.
+        """
+        found: dict[str, NDArray[np.float64]] = {}
+        for name, si in self.units.items():
+            unit = "" if si == "1" else "_" + si.replace("1/", "per_")
+            values = (field or self.field)(name, index)
+            parts = {"": values} if values.ndim == 1 else {"_x": values[:, 0], "_y": values[:, 1]}
+            found |= {f"{name}{part}{unit}": column for part, column in parts.items()}
+        return found
+
     def _load(self, where: str) -> Any:
         with h5py.File(self.path, "r", **UNLOCKED) as file:
             return file[where][()]
@@ -263,3 +280,50 @@ def read_fields(directory: str | Path, name: str = FIELDS) -> StoredFields:
 def _planar(rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Drop the third component, with which vectors are padded for ParaView."""
     return rows[:, :2] if rows.ndim == 2 else rows
+
+
+def write_lines(
+    directory: Path, lines: Mapping[str, Line | Yarn], fibres: NDArray[np.float64]
+) -> None:
+    """Write ``lines.csv``: all stored fields along lines at all stored times; on one rank.
+
+    Args:
+        directory: The results directory.
+        lines: Lines by name.
+        fibres: Direction of each family at rest, shape (2, 2).
+    """
+    stored = read_fields(directory)
+    parts: list[tuple[dict[str, Any], dict[str, Any], Any]] = []
+    for name, line in lines.items():
+        start, end = line.ends if isinstance(line, Line) else _yarn(line, fibres, stored.corners())
+        share = np.linspace(0.0, 1.0, line.points)
+        way = np.subtract(end, start)
+        points = start + share[:, None] * way
+        place = {
+            "distance_m": share * np.linalg.norm(way),
+            "x_m": points[:, 0],
+            "y_m": points[:, 1],
+        }
+        parts.append(({"line": [name] * len(share)}, place, stored.at(points)))
+    tables: list[dict[str, Any]] = [
+        name | {"step": [step] * len(place["x_m"]), "time_s": [time] * len(place["x_m"])}
+        | place | stored.columns(index, at)
+        for index, (step, time) in enumerate(zip(stored.steps, stored.times, strict=True))
+        for name, place, at in parts
+    ]  # fmt: skip
+    rows = [row for table in tables for row in rows_of(table)]
+    write_csv(directory / LINES, rows)
+
+
+def _yarn(
+    line: Yarn, fibres: NDArray[np.float64], corners: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return both ends (m) of a yarn at rest: the piece of it that has the point."""
+    along, point = fibres[line.family - 1], np.array(line.through)
+    size = float(np.ptp(corners.reshape(-1, 2), axis=0).sum())
+    sheet = shapely.union_all(shapely.polygons(corners)).buffer(ON_SIDE * size)
+    whole = shapely.LineString([point - size * along, point + size * along])
+    pieces = shapely.get_parts(shapely.intersection(sheet, whole))
+    near = pieces[np.argmin(shapely.distance(pieces, shapely.Point(point)))]
+    start, end = shapely.get_coordinates(near)[[0, -1]]
+    return start, end

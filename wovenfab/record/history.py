@@ -1,17 +1,27 @@
-"""The history of a run: one row a step, on disk as soon as the step is done."""
+"""The history of a run: one row a step, on disk as soon as the step is done.
+
+A laboratory evaluates that of a bias-extension test with yarns taken as inextensible and pinned
+where they cross. The sheet then has zones of equal shear: none at the grips, gamma in the centre,
+where both families end at free edges, and gamma/2 between them. Source: J. Cao and others,
+Characterization of mechanical behavior of woven fabrics: experimental methods and benchmark
+results, Composites Part A 39 (2008).
+"""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
-from math import fsum, isfinite
+from dataclasses import dataclass
+from math import cos, fsum, isfinite, pi, sqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.case import Case, Component, Rectangle
+from wovenfab.case.boundary import Boundary
 from wovenfab.parallel import on_root, world
 from wovenfab.record.results import NothingToResumeError, write_whole
 
@@ -20,8 +30,11 @@ if TYPE_CHECKING:
 
     from wovenfab.stepping.step import Step
 
+Values = NDArray[np.float64]
 HISTORY = "history.csv"
 REACTIONS = "reactions.csv"
+#: Edges across x and across y, first the one at the lower coordinate.
+_EDGES = (("left", "right"), ("bottom", "top"))
 #: Columns with the estimated errors of the time steps.
 ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
 
@@ -43,6 +56,7 @@ class HistoryRows:
         dissipated: Sequence[str],
         edges: Sequence[str],
         errors: bool = False,
+        probes: Sequence[str] = (),
     ) -> None:
         """Start before the first step.
 
@@ -51,6 +65,7 @@ class HistoryRows:
             dissipated: Names of the effects that dissipate energy.
             edges: Names of the edges whose reactions are recorded.
             errors: Whether there are columns for the estimated errors of the time steps.
+            probes: Names of the columns of probes.
         """
         self._stored, self._dissipated = tuple(stored), tuple(dissipated)
         self._edges, self._errors = tuple(edges), errors
@@ -62,7 +77,7 @@ class HistoryRows:
             "dissipated_J",
             *(f"dissipated_{name}_J" for name in self._dissipated),
             *("work_J", "imbalance_J", *(ERRORS if errors else ())),
-            *("newton_iterations", "negative_eigenvalues"),
+            *("newton_iterations", "negative_eigenvalues", *probes),
         )
         reactions = (f"{edge}_{xy}_N" for edge in self._edges for xy in "xy")
         self.reaction_columns = ("step", "time_s", *reactions)
@@ -71,8 +86,8 @@ class HistoryRows:
         """Go on after the first rows of a history that has these columns."""
         self._initial_energy = float(history["energy_J"][0])
 
-    def row(self, step: Step) -> tuple[list[float], list[float]]:
-        """Return the values of a step for the columns of both tables.
+    def row(self, step: Step, probes: Sequence[float] = ()) -> tuple[list[float], list[float]]:
+        """Return the values of a step and of its probes for the columns of both tables.
 
         Raises:
             ValueError: A number is not finite, the effects or edges are not the announced
@@ -99,11 +114,12 @@ class HistoryRows:
             balance += [float(step.force_error), float(step.dissipated_error)]
         numbers = [*driven, energy, *stored, lost, *dissipated, *balance]
         reactions = [float(component) for e in self._edges for component in step.reactions[e]]
-        if not all(map(isfinite, (*numbers, *reactions))):
+        if not all(map(isfinite, (*numbers, *reactions, *probes))):
             raise ValueError(f"step {step.number} has numbers that are not finite: {step}")
         self._initial_energy, self._last_time = initial, numbers[0]
         counts = int(step.iterations), int(step.negatives)
-        return [int(step.number), *numbers, *counts], [int(step.number), numbers[0], *reactions]
+        row = [int(step.number), *numbers, *counts, *probes]
+        return row, [row[0], row[1], *reactions]
 
 
 class History(AbstractContextManager["History"]):
@@ -132,13 +148,13 @@ class History(AbstractContextManager["History"]):
         self._files: list[TextIO] = []
         on_root(self._comm, lambda: self._open(Path(directory)))
 
-    def append(self, step: Step) -> None:
-        """Write a step to both files and flush them; collective.
+    def append(self, step: Step, probes: Sequence[float] = ()) -> None:
+        """Write a step and the values of its probes to both files and flush them; collective.
 
         Raises:
             ValueError: As :meth:`HistoryRows.row`; then nothing is written.
         """
-        on_root(self._comm, lambda: self._write(step))
+        on_root(self._comm, lambda: self._write(self._rows.row(step, probes)))
 
     def sync(self) -> None:
         """Wait until all rows are on the disk; on the rank that writes."""
@@ -165,6 +181,11 @@ class History(AbstractContextManager["History"]):
         """Return the rows of an earlier file, as they are there."""
         *text, _ = (directory / name).read_text(encoding="utf-8").split("\n")
         rows = text[1 : self._until + 2]
+        if other := set(text[0].split(",")) ^ {*header}:
+            raise NothingToResumeError(
+                f"{directory / name} has other columns than this run would ({', '.join(other)}); "
+                "keep output.probes, and whether there is a time.tolerance, as they were"
+            )
         if text[:1] != [",".join(header)] or len(rows) <= self._until:
             raise NothingToResumeError(
                 f"{directory / name} is of another run, or ends before the checkpoint; "
@@ -174,9 +195,10 @@ class History(AbstractContextManager["History"]):
             self._rows.resume(read_history(directory, name))
         return rows
 
-    def _write(self, step: Step) -> None:
-        for file, row in zip(self._files, self._rows.row(step), strict=True):
-            _write_row(file, map(repr, row))
+    def _write(self, rows: tuple[list[float], list[float]]) -> None:
+        for file, row in zip(self._files, rows, strict=True):
+            file.write(",".join(map(repr, row)) + "\n")
+            file.flush()
 
 
 def read_history(directory: str | Path, name: str = HISTORY) -> dict[str, NDArray[np.float64]]:
@@ -202,6 +224,109 @@ def peak_force(forces: Sequence[float] | NDArray[np.float64]) -> float:
     return float(forces[index_of_peak(forces)])
 
 
-def _write_row(file: TextIO, cells: Iterable[str]) -> None:
-    file.write(",".join(cells) + "\n")
-    file.flush()
+@dataclass(frozen=True)
+class BiasExtension:
+    """A rectangle with yarns at 45 degrees to its long side, held at its short edges.
+
+    Attributes:
+        length, width: Its sides (m); the length is twice the width at least.
+        axis: 0 if the long side is along x, 1 if along y.
+        factor: Elongation per displacement of the program.
+        offset: Elongation (m) at zero displacement.
+    """
+
+    length: float
+    width: float
+    axis: int
+    factor: float
+    offset: float
+
+    def elongation(self, displacement: Values) -> Values:
+        """Return the increase of the distance of the grips (m) for displacements (m)."""
+        return self.factor * displacement + self.offset
+
+    def tension(self, force: Values) -> Values:
+        """Return the tension between the grips (N) for forces along the program (N)."""
+        return force if self.factor > 0 else -force
+
+    def shear_angle(self, elongation: Values) -> Values:
+        """Return gamma = 90 deg - 2 acos((L0 + d) / (sqrt(2) L0)) in the central zone (rad).
+
+        Args:
+            elongation: d (m), any shape; L0 is length - width.
+
+        Returns:
+            The same shape; NaN beyond the elongation at which the yarns lie side by side.
+        """
+        span = self.length - self.width
+        cosine = (span + np.asarray(elongation)) / (sqrt(2) * span)
+        angle: Values = pi / 2 - 2 * np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
+        return angle
+
+    def shear_force(self, angle: Values, tension: Values) -> Values:
+        """Return the normalised shear force F_sh (N/m) for loading from zero.
+
+        The work of the grips is that of a shear force per length in both zones (Cao and
+        others, 2008), with H the length, W the width and F the tension:
+        ``(2H - 3W) cos(gamma) F_sh(gamma) + W cos(gamma/2) F_sh(gamma/2)
+        = (H/W - 1) F (cos(gamma/2) - sin(gamma/2))``. F_sh(gamma/2) is interpolated between
+        the angles given, which makes it a system of linear equations.
+
+        Args:
+            angle: gamma (rad), ascending from zero, shape (n,).
+            tension: F (N), shape (n,).
+
+        Returns:
+            Shape (n,).
+        """
+        half = angle / 2
+        interpolation = np.array([np.interp(half, angle, unit) for unit in np.eye(len(angle))]).T
+        h, w = self.length, self.width
+        right = (h / w - 1) * tension * (np.cos(half) - np.sin(half))
+        matrix = np.diag((2 * h - 3 * w) * np.cos(angle))
+        force: Values = np.linalg.solve(matrix + w * np.cos(half)[:, None] * interpolation, right)
+        return force
+
+    def in_centre(self, points: Values) -> NDArray[np.bool_]:
+        """Return which reference points (m), shape (n, 2), are in the central zone, shape (n,)."""
+        along, across = points[:, self.axis], points[:, 1 - self.axis]
+        distance = np.minimum(along, self.length - along)
+        free: NDArray[np.bool_] = distance > self.width / 2 + np.abs(across - self.width / 2)
+        return free
+
+
+def bias_extension_of(case: Case) -> BiasExtension | None:
+    """Return the specimen if the case is a bias-extension test, else None.
+
+    It is one if the sheet is a rectangle at least twice as long as wide with both families
+    at 45 degrees to its sides, both short edges are held along and across for both families
+    without a formula, the program parts them along the long side, and other edges are free.
+    """
+    sheet = case.sheet
+    if not isinstance(sheet, Rectangle):
+        return None
+    axis = int(sheet.width > sheet.length)
+    width, length = sorted((sheet.length, sheet.width))
+    slanted = all(abs(cos(2 * angle)) < 1e-6 for angle in sheet.fibres)
+    if length < 2 * width * (1 - 1e-9) or not slanted or set(case.boundary) != set(_EDGES[axis]):
+        return None
+    near, far = (_grip(case.boundary, edge) for edge in _EDGES[axis])
+    if near is None or far is None:
+        return None
+    factors, offsets = (
+        [getattr(far[i], of) - getattr(near[i], of) for i in (axis, 1 - axis)]
+        for of in ("factor", "offset")
+    )
+    if not factors[0] or factors[1] or offsets[1]:
+        return None
+    return BiasExtension(length, width, axis, factors[0], offsets[0])
+
+
+def _grip(boundary: Boundary, edge: str) -> tuple[Component, Component] | None:
+    """Return the motion of an edge if both families are held alike without a formula."""
+    conditions = boundary[edge]
+    components = conditions[0].components
+    families = sorted(family for c in conditions for family in c.families)
+    alike = families == [1, 2] and all(c.components == components for c in conditions)
+    plain = all(c.held and c.expression is None for c in components)
+    return components if alike and plain else None

@@ -1,4 +1,8 @@
-"""The results directory, never overwritten silently; provenance of results; tables."""
+"""The results directory, never overwritten silently; provenance of results; tables; pictures.
+
+A run draws in a process of its own, so that a failing picture never ends a computation, and
+no drawing library is loaded beside it.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ import fcntl
 import json
 import os
 import shlex
+import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -16,7 +21,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
-from wovenfab.parallel import on_root, world
+from wovenfab.parallel import child_environment, on_root, world
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -35,13 +40,16 @@ INTERRUPTED = "interrupted"
 FINGERPRINT, INPUT = ".fingerprint", "WOVENFAB_FINGERPRINT"
 #: The last two checkpoints of a run.
 CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
-#: Folders of files that wovenfab writes there: the times of series of fields.
-FOLDERS = ("fields", "mode", "error", "yarns")
+#: Series of fields, and all folders that wovenfab writes there with the names of their files.
+SERIES = ("fields", "mode", "error", "yarns")
+FOLDERS = {**dict.fromkeys(SERIES, "*.h5"), "export": "step-*.*"}
+#: Fields along the lines of a case.
+LINES = "lines.csv"
 #: Every file that wovenfab writes into a results directory, and may replace.
 FILES = (
     *("case.yaml", "summary.json", FINGERPRINT),
-    *("history.csv", "reactions.csv", "cycles.csv", "error.csv"),
-    *(f"{name}.{kind}" for name in FOLDERS for kind in ("h5", "xdmf")),
+    *("history.csv", "reactions.csv", "cycles.csv", LINES, "error.csv"),
+    *(f"{name}.{kind}" for name in SERIES for kind in ("h5", "xdmf")),
     *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
     *("report.html", "open_in_paraview.py", CHECKPOINT, f"{CHECKPOINT}.new", EARLIER_CHECKPOINT),
 )
@@ -161,7 +169,7 @@ class ResultsDirectory:
             self._take(new=not overwrite)
             if overwrite:
                 for folder in FOLDERS:
-                    for file in (self.path / folder).glob("*.h5"):
+                    for file in (self.path / folder).glob(FOLDERS[folder]):
                         file.unlink()
                     with suppress(OSError):  # not there, or with files of the user
                         (self.path / folder).rmdir()
@@ -268,12 +276,77 @@ def has_checkpoint(directory: Path) -> bool:
     return any((directory / name).exists() for name in (CHECKPOINT, EARLIER_CHECKPOINT))
 
 
+def fingerprint_of(directory: Path) -> str:
+    """Return the fingerprint of the input of the results there; empty where there is none."""
+    with suppress(OSError, UnicodeError):
+        return (directory / FINGERPRINT).read_text(encoding="utf-8").strip()
+    return ""
+
+
+def is_in_use(directory: Path) -> bool:
+    """Return whether a run is writing there."""
+    with suppress(OSError), (directory / MARKER).open() as marker:
+        try:
+            fcntl.flock(marker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+    return False
+
+
 def outcome_of(directory: Path) -> str | None:
     """Return how the run there has ended; None if it was killed or is still going on."""
     with suppress(OSError, ValueError, TypeError, KeyError):
         summary = json.loads((directory / "summary.json").read_text(encoding="utf-8"))
         return str(summary["outcome"])
     return None
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """The pictures drawn (none on ranks other than 0), and what failed and how to try again."""
+
+    paths: tuple[Path, ...] = ()
+    warning: str | None = None
+
+
+def draw_in_subprocess(
+    directory: str | Path, comm: MPI.Comm | None = None, patience: float = 600.0
+) -> Pictures:
+    """Draw the pictures of a results directory in another process; never raises.
+
+    Every rank may call; only rank 0 draws, and the others do not wait for it.
+
+    Args:
+        directory: The results directory.
+        comm: The ranks that call; the world communicator if None.
+        patience: Time (s) after which the drawing is given up.
+    """
+    comm = world() if comm is None else comm
+    if comm.rank != 0:
+        return Pictures()
+    try:
+        ended = subprocess.run(
+            [sys.executable, "-m", "wovenfab.report.pictures", str(directory)],
+            env=child_environment() | {COMMAND: this_process(comm.size).command},
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            timeout=patience,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return Pictures(warning=_warning(directory, f"not ready after {patience:g} s"))
+    except OSError as error:
+        return Pictures(warning=_warning(directory, str(error)))
+    paths = tuple(Path(line) for line in ended.stdout.splitlines())
+    if ended.returncode == 0:
+        return Pictures(paths)
+    messages = ended.stderr.strip().splitlines() or [f"it ended with code {ended.returncode}"]
+    return Pictures(paths, _warning(directory, messages[-1]))
+
+
+def _warning(directory: str | Path, reason: str) -> str:
+    return f"pictures are missing: {reason} (to try again: wovenfab report {directory})"
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -284,6 +357,11 @@ def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     writer.writeheader()
     writer.writerows(rows)
     write_whole(path, stream.getvalue())
+
+
+def rows_of(columns: Mapping[str, Iterable[Any]]) -> list[dict[str, Any]]:
+    """Return the rows of a table that is given by columns of one length."""
+    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
 
 def markdown(

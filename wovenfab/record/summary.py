@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
 import platform
 import sys
@@ -17,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
-from wovenfab.record.bias_extension import BiasExtension, mean_shear_angle
-from wovenfab.record.history import index_of_peak, peak_force
-from wovenfab.record.results import this_process, write_whole
+from wovenfab.record.field_file import DATA
+from wovenfab.record.fields import read_fields
+from wovenfab.record.history import BiasExtension, index_of_peak, peak_force
+from wovenfab.record.results import this_process, write_csv, write_whole
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -131,11 +131,8 @@ def write_cycles(
         row: dict[str, Figure] = {"cycle": number, **cycle.as_dict()}
         rows.append(row | (_shear(cycle, history, specimen, directory) if specimen else {}))
     if rows:
-        text = io.StringIO()
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({name: _cell(value) for name, value in row.items()} for row in rows)
-        write_whole(Path(directory) / CYCLES, text.getvalue())
+        texts = [{name: _cell(value) for name, value in row.items()} for row in rows]
+        write_csv(Path(directory) / CYCLES, texts)
 
 
 def read_cycles(directory: str | Path) -> list[dict[str, str]]:
@@ -259,6 +256,26 @@ def _cycle(history: Columns, start: float, end: float, complete: bool) -> Cycle:
         dissipated=float(part["dissipated_J"][-1] - part["dissipated_J"][0]),
         imbalance=float(part["imbalance_J"][-1] - part["imbalance_J"][0]),
     )
+
+
+def mean_shear_angle(directory: str | Path, time: float, specimen: BiasExtension) -> float | None:
+    """Return the mean of the field ``shear_angle`` (rad) over the central zone at a time (s).
+
+    It is None if the run did not store that field at that time.
+    """
+    if not (Path(directory) / DATA).exists():
+        return None
+    fields = read_fields(directory)
+    if not len(fields.times) or "shear_angle" not in fields.units:
+        return None
+    index = int(np.abs(fields.times - time).argmin())
+    if abs(fields.times[index] - time) > 1e-9 * fields.times[-1]:
+        return None
+    corners = fields.points()[fields.triangles()]
+    (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
+    area = np.abs(ax * by - ay * bx) * specimen.in_centre(corners.mean(axis=1))
+    angle = fields.field("shear_angle", index)[fields.triangles()].mean(axis=1)
+    return float(area @ angle / area.sum()) if area.any() else None
 
 
 def _shear(

@@ -34,7 +34,7 @@ from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.knowledge import Interval, Knowledge
 from wovenfab.study.fit.measured import Measured
 from wovenfab.study.fit.objective import Evaluation
-from wovenfab.study.fit.response import compared, curve_of_history
+from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
 
 #: Range of an axis over its least value up to which more than powers of ten have labels.
@@ -111,41 +111,47 @@ def _plain(data: dict[str, Any]) -> dict[str, Any]:
     return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}
 
 
-def draw_measured(
-    runs: Sequence[tuple[str, RunData]], measured: Measured, path: Path
-) -> list[tuple[str, float]]:
-    """Draw runs over a measured curve; return the name and misfit of each.
+def measured_figure(
+    runs: Sequence[tuple[str, RunData]], measured: Measured
+) -> tuple[Figure, list[tuple[str, str]]]:
+    """Return the figure of runs over a measured curve, and in words how far each is from it.
+
+    A run that does not turn as often as the measured curve has no distance.
 
     Args:
         runs: Runs with their names.
         measured: The measured curve.
-        path: Of the picture.
-
-    Raises:
-        BranchError: A run does not turn as often as the measured curve.
     """
-    misfits = []
-    with house_style():
-        figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
-        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
-        unit = readable("N", float(np.abs(measured.force).max()))
-        shown = (1e3 * measured.displacement, unit.factor * measured.force)
-        upper.plot(*shown, "o", color=QUIET, markersize=3, label=measured.file.name)
-        for i, (name, run) in enumerate(runs):
-            u, f = run.history["displacement_m"], run.history["force_N"]
-            comparison, colour = compared(measured, curve_of_history(u, f)), APART[i % len(APART)]
-            misfits.append((name, comparison.misfit))
-            label = f"{name}: {100 * comparison.misfit:.2g} %"
-            upper.plot(1e3 * u, unit.factor * f, color=colour, label=label)
+    found: list[tuple[str, RunData, Comparison | None, str]] = []
+    for name, run in runs:
+        curve = curve_of_history(run.history["displacement_m"], run.history["force_N"])
+        try:
+            one = compared(measured, curve)
+            words = f"{100 * one.misfit:.2f} % of the largest force from {measured.file.name}"
+            found.append((name, run, one, words))
+        except BranchError as error:
+            found.append((name, run, None, f"no distance: {error}"))
+    rows = 2 if any(one for _, _, one, _ in found) else 1
+    figure = Figure(figsize=(WIDTH, (0.37 + 0.19 * rows) * WIDTH))
+    grid = figure.subplots(rows, 1, sharex=True, squeeze=False, height_ratios=(3, 1)[:rows])
+    upper, lower = grid[0, 0], grid[-1, 0]
+    unit = readable("N", float(np.abs(measured.force).max()))
+    shown = (1e3 * measured.displacement, unit.factor * measured.force)
+    upper.plot(*shown, "o", color=QUIET, markersize=3, zorder=3, label=measured.file.name)
+    for i, (name, run, comparison, words) in enumerate(found):
+        colour = APART[i % len(APART)]
+        label = f"{name}: {words.split(' of ')[0]}" if comparison else name
+        u, f = 1e3 * run.history["displacement_m"], unit.factor * run.history["force_N"]
+        upper.plot(u, f, color=colour, label=label)
+        if comparison is not None:
             at = 1e3 * measured.displacement[comparison.rows]
             lower.plot(at, 100 * comparison.shares, ".-", color=colour, markersize=3)
-        zero_line(lower)
-        upper.set_ylabel(f"force ({unit.name})")
-        upper.legend(fontsize=7)
-        lower.set_ylabel("distance (%)")
-        lower.set_xlabel("displacement (mm)")
-        save(figure, path)
-    return misfits
+            lower.set_ylabel("distance (%)")
+    zero_line(lower)
+    upper.set_ylabel(f"force ({unit.name})")
+    upper.legend(fontsize=7)
+    lower.set_xlabel("displacement (mm)")
+    return figure, [(name, words) for name, _, _, words in found]
 
 
 def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
@@ -199,20 +205,13 @@ def _profiles(fit: Fit, profiles: Sequence[Profile]) -> Block:
 
 def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     """Draw measured forces as points and computed ones as lines, against the displacement."""
-    largest = max(float(np.abs(test.measured.force).max()) for test in fit.tests)
-    unit = readable("N", largest)
+    unit = readable("N", max(float(np.abs(test.measured.force).max()) for test in fit.tests))
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
     for i, (test, c) in enumerate(pairs):
-        colour = APART[i % len(APART)]
-        measured = test.measured
-        axes.plot(
-            1e3 * measured.displacement, unit.factor * measured.force, "o", color=QUIET,
-            markersize=3, markerfacecolor="none",
-        )  # fmt: skip
-        axes.plot(
-            1e3 * measured.displacement[c.rows], unit.factor * c.force,
-            color=colour, label=test.measured.file.stem,
-        )  # fmt: skip
+        measured, colour = test.measured, APART[i % len(APART)]
+        x, y = 1e3 * measured.displacement, unit.factor * measured.force
+        axes.plot(x, y, "o", color=QUIET, markersize=3, markerfacecolor="none")
+        axes.plot(x[c.rows], unit.factor * c.force, color=colour, label=measured.file.stem)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel(f"force ({unit.name})")
     axes.legend(fontsize=7)

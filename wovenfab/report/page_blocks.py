@@ -43,7 +43,7 @@ COLUMNS: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture with its caption, which is also its text for screen readers."""
+    """A picture, which has a text for screen readers, and its caption."""
 
     image: Markup
     caption: str
@@ -99,8 +99,11 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
     return Section(title, blocks)
 
 
-def vector(figure: Figure, name: str, caption: str) -> Picture:
-    """Return a figure of curves as SVG, whose ids begin with a ``name`` unique on the page."""
+def vector(figure: Figure, name: str, caption: str, says: str = "") -> Picture:
+    """Return a figure of curves as SVG, whose ids begin with a ``name`` unique on the page.
+
+    What it ``says`` follows the caption for those who do not see it.
+    """
     text = io.StringIO()
     figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
     svg = text.getvalue()
@@ -111,20 +114,22 @@ def vector(figure: Figure, name: str, caption: str) -> Picture:
 
     def opening(tag: re.Match[str]) -> str:
         style = f'style="width: {float(tag[2]) / 72 * REM:.1f}rem"'
-        return f'<svg role="img" aria-label="{escape(caption)}" {style} {tag[1]}'
+        return (
+            f'<svg role="img" aria-label="{escape(f"{caption} {says}".strip())}" {style} {tag[1]}'
+        )
 
     svg = re.sub(r'<svg (.*?)width="([\d.]+)pt" height="[\d.]+pt"', opening, svg, count=1)
     return Picture(Markup(svg), caption)
 
 
-def raster(figure: Figure, caption: str) -> Picture:
-    """Return a figure of fields as PNG inside the page."""
+def raster(figure: Figure, caption: str, says: str = "") -> Picture:
+    """Return a figure of fields as PNG inside the page; arguments as of ``vector``."""
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=DPI, facecolor="white", pil_kwargs={"optimize": True})
     with Image.open(data) as picture:
         wide = picture.width / DPI * REM
     text = base64.b64encode(data.getvalue()).decode("ascii")
-    image = f'<img alt="{escape(caption)}" src="data:image/png;base64,{text}"'
+    image = f'<img alt="{escape(f"{caption} {says}".strip())}" src="data:image/png;base64,{text}"'
     return Picture(Markup(f'{image} style="width: {wide:.1f}rem">'), caption)
 
 

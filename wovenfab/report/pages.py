@@ -40,7 +40,7 @@ from wovenfab.report.run_data import (
     stored_of,
 )
 from wovenfab.report.sheet import Panel, panels, sheet_at
-from wovenfab.report.style import FIELD_STYLES, quantity, shown_fields
+from wovenfab.report.style import DEGREE, FIELD_STYLES, Values, quantity, shown_fields
 
 PAGE, COMPARISON = "report.html", "comparison.html"
 
@@ -70,8 +70,8 @@ def open_run(directory: str | Path) -> Run:
     return Run(open_run_data(directory), stored)
 
 
-def write_run_page(directory: str | Path) -> Path:
-    """Write ``report.html`` into a results directory and return its path.
+def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
+    """Write ``report.html``, with more sections first, and return its path.
 
     Raises:
         FileNotFoundError: The directory has no history.
@@ -84,13 +84,13 @@ def write_run_page(directory: str | Path) -> Path:
         run.source.title,
         [run.outcome, *_stability(run.source.summary), *_missing(run)],
         headline(run.source),
-        list(_sections(untitled)),
+        [*more, *_sections(untitled)],
         origin_of(directory),
     )
 
 
-def write_comparison(directories: Sequence[Path], path: Path) -> Path:
-    """Write the page of two or more runs and return its path.
+def write_comparison(directories: Sequence[Path], path: Path, more: Sequence[Section] = ()) -> Path:
+    """Write the page of two or more runs, with more sections first, and return its path.
 
     Raises:
         FileNotFoundError: A directory has no history.
@@ -99,7 +99,7 @@ def write_comparison(directories: Sequence[Path], path: Path) -> Path:
     runs = dict(zip(labels(directories), map(open_run, directories), strict=True))
     outcomes = {name: run.outcome for name, run in runs.items()}
     stopped = [f"{name}: {text}" for name, text in outcomes.items() if text != "Finished."]
-    sections = list(_sections_of_several(runs))
+    sections = [*more, *_sections_of_several(runs)]
     return write_page(path, f"{len(runs)} runs compared", stopped, [], sections, this_process())
 
 
@@ -139,6 +139,37 @@ def headline(source: RunData) -> list[tuple[str, str]]:
     return [(name, value) for name, value in figures if value]
 
 
+def in_words(source: RunData) -> str:
+    """Return what the loop of a run says, in a sentence."""
+    (_, peak), (_, lost), *_ = headline(source)
+    return f"Peak force {peak}; energy dissipated {lost}."
+
+
+def between(values: Sequence[Values], unit: str) -> str:
+    """Return in a sentence between which values (SI) a field lies."""
+    ends = [float(end(np.concatenate(values))) for end in (np.min, np.max)]
+    if unit == "rad":
+        low, high = (f"{DEGREE.factor * end:.3g}{DEGREE.name}" for end in ends)
+    else:
+        shown = "" if unit == "1" else f" {unit}"
+        low, high = (quantity(e, "m") if unit == "m" else f"{e:.3g}{shown}" for e in ends)
+    return f"From {low} to {high}."
+
+
+def _way(source: RunData) -> str:
+    """Return how far the program goes and how long it takes, in a sentence."""
+    u, time = source.history["displacement_m"], source.history["time_s"]
+    low, high = (quantity(float(end), "m") for end in (u.min(), u.max()))
+    return f"From {low} to {high} in {quantity(float(time[-1]), 's')}."
+
+
+def _parts(source: RunData, kind: str) -> str:
+    """Return the largest energy of each effect in words."""
+    found = curves.parts(source.history, kind).items()
+    words = [f"{n.replace('_', ' ')} up to {quantity(np.abs(v).max(), 'J')}" for n, v in found]
+    return ", ".join(words) or "none"
+
+
 def flat(case: Mapping[str, Any], above: str = "") -> dict[str, str]:
     """Return a case as texts by dotted keys."""
     texts: dict[str, str] = {}
@@ -174,20 +205,34 @@ def _sections(run: Run) -> Iterator[Section]:
     source, stored = run.source, run.stored
     caption = "Force of the driven edge against its displacement."
     yield section(
-        "Force against displacement", lambda: [vector(curves.loop(source), "loop", caption)]
+        "Force against displacement",
+        lambda: [vector(curves.loop(source), "loop", caption, in_words(source))],
     )
     if source.cycles:
         yield section("Cycles", lambda: _cycles(source))
     yield section(
         "Program and energies",
-        lambda: [vector(curves.program(source), "program", "Motion of the driven edge.")],
-        lambda: [vector(curves.energies(source), "energies", "Energies by effect over time.")],
+        lambda: [
+            vector(curves.program(source), "program", "Motion of the driven edge.", _way(source)),
+            vector(
+                *(curves.energies(source), "energies", "Energies by effect over time."),
+                f"Stored: {_parts(source, 'energy')}. Dissipated: {_parts(source, 'dissipated')}.",
+            ),
+        ],
     )
     if stored is not None:
         yield section(
             "Sheet and yarns",
-            lambda: [raster(sheet.mesh(source, stored), "Mesh at rest, directions of the yarns.")],
-            lambda: [raster(sheet.deformed(source, stored), "Sheet at its largest displacement.")],
+            lambda: [
+                raster(
+                    *(sheet.mesh(source, stored), "Mesh at rest, directions of the yarns."),
+                    f"{len(stored.corners())} triangles.",
+                ),
+                raster(
+                    *(sheet.deformed(source, stored), "Sheet at its largest displacement."),
+                    f"The driven edge is {largest(source, stored).words}.",
+                ),
+            ],
             lambda: _mode(source),
         )
         yield section("Fields", lambda: _fields(source, stored))
@@ -202,7 +247,8 @@ def _cycles(source: RunData) -> Sequence[Block]:
         "in per cent of what was dissipated and stored."
     )
     table = [cycle_table(rows)] if rows else []
-    return [*table, vector(curves.losses(source), "losses", caption)]
+    lost = [f"cycle {i}: {quantity(c.dissipated, 'J')}" for i, c in enumerate(source.cycles, 1)]
+    return [*table, vector(curves.losses(source), "losses", caption, f"{'; '.join(lost)}.")]
 
 
 def _mode(source: RunData) -> Sequence[Block]:
@@ -226,7 +272,9 @@ def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
             for row in rows
         ]
         caption = f"The {FIELD_STYLES[name].label}{where}, to one scale."
-        blocks.append(raster(panels(name, stored.units[name], grid), caption))
+        values = [panel.values for row in grid for panel in row]
+        says = between(values, stored.units[name])
+        blocks.append(raster(panels(name, stored.units[name], grid), caption, says))
     return blocks
 
 
@@ -246,10 +294,11 @@ def _case(source: RunData) -> Sequence[Block]:
 
 def _sections_of_several(runs: Mapping[str, Run]) -> Iterator[Section]:
     named = [(name, run.source) for name, run in runs.items()]
+    told = " ".join(f"{name}: {in_words(source)}" for name, source in named)
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loops(named), "loops", "Force of the driven edge.")],
+        lambda: [vector(curves.loops(named), "loops", "Force of the driven edge.", told)],
     )
     if any(source.cycles for _, source in named):
         caption = "Figures of the complete cycles, against their reversals."
@@ -290,7 +339,8 @@ def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
         cells = [_panel(name, source, stored, field) for name, source, stored in shown]
         rows = [cells[i : i + 2] for i in range(0, len(cells), 2)]
         caption = f"Each run at its largest displacement: {field.replace('_', ' ')}, to one scale."
-        blocks.append(raster(panels(field, first.units[field], rows), caption))
+        says = between([cell.values for cell in cells], first.units[field])
+        blocks.append(raster(panels(field, first.units[field], rows), caption, says))
     return blocks
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from textwrap import fill
 
@@ -25,6 +25,7 @@ from wovenfab.record.results import Provenance
 from wovenfab.record.summary import window
 from wovenfab.report import sheet
 from wovenfab.report.curves import force_axes, loop, path
+from wovenfab.report.page_blocks import Section
 from wovenfab.report.run_data import (
     RunData,
     largest,
@@ -87,11 +88,11 @@ def picture_of(
     return make
 
 
-def draw_page(folder: Path) -> list[Path]:
-    """Write the page of the run."""
+def draw_page(folder: Path, more: Sequence[Section] = ()) -> list[Path]:
+    """Write the page of the run, with more sections first."""
     from wovenfab.report.pages import write_run_page
 
-    return [write_run_page(folder)]
+    return [write_run_page(folder, more)]
 
 
 def make_yarns(folder: Path) -> list[Path]:
@@ -126,8 +127,12 @@ PICTURES = ("picture of loop", "picture of deformed", "picture of mode", "pictur
 REPORT = (*PICTURES, "page", "yarns for ParaView")
 
 
-def draw(directory: str | Path, names: Sequence[str] = PICTURES) -> list[Path]:
-    """Draw some of ``MAKERS`` of a run, finished or not, into its directory; return the files.
+def draw(
+    directory: str | Path,
+    names: Sequence[str] = PICTURES,
+    makers: Mapping[str, Maker] = MAKERS,
+) -> list[Path]:
+    """Draw some of ``makers`` of a run, finished or not, into its directory; return the files.
 
     What needs fields is left out if the run has none.
 
@@ -140,7 +145,7 @@ def draw(directory: str | Path, names: Sequence[str] = PICTURES) -> list[Path]:
     for name in names:
         try:
             with house_style():
-                drawn += MAKERS[name](folder)
+                drawn += makers[name](folder)
         except Exception as error:  # one picture must not cost the others
             reason = " ".join(str(error).split()) or type(error).__name__
             problems.append(f"no {name}: {reason}")

@@ -40,6 +40,10 @@ class RunData:
     cycles: list[Cycle]
     summary: dict[str, Any]
 
+    def reached(self, stored: StoredFields) -> NDArray[np.float64]:
+        """Return the displacement of the program (m) at each stored time."""
+        return np.interp(stored.times, self.history["time_s"], self.history["displacement_m"])
+
 
 @dataclass(frozen=True)
 class KeyTime:
@@ -95,7 +99,7 @@ def origin_of(directory: str | Path) -> Provenance:
 
 def largest(source: RunData, stored: StoredFields) -> KeyTime:
     """Return the stored time of largest displacement."""
-    u = _displacement(source, stored)
+    u = source.reached(stored)
     index = int(np.abs(u).argmax())
     return KeyTime(index, float(u[index]), f"at {millimetres(u[index])}")
 
@@ -108,7 +112,7 @@ def key_times(
     Of more cycles than ``most``: the first, the last and some between. A run without cycles
     counts as a single one.
     """
-    u = _displacement(source, stored)
+    u = source.reached(stored)
     spans = [(f"cycle {i}", c.start, c.end) for i, c in enumerate(source.cycles, 1)]
     spans = spans or [("run", 0.0, float(stored.times[-1]))]
     if len(spans) > most:
@@ -128,11 +132,6 @@ def times_between(stored: StoredFields, start: float, end: float) -> NDArray[np.
     """Return the indices of the stored times from ``start`` to ``end`` (s)."""
     slack = 1e-9 * stored.times[-1]
     return np.nonzero((stored.times >= start - slack) & (stored.times <= end + slack))[0]
-
-
-def _displacement(source: RunData, stored: StoredFields) -> NDArray[np.float64]:
-    history = source.history
-    return np.interp(stored.times, history["time_s"], history["displacement_m"])
 
 
 def _direction(angle: float | str) -> tuple[float, float]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isqrt
 from textwrap import fill as wrap
 
 import numpy as np
@@ -13,9 +12,8 @@ from matplotlib.collections import LineCollection, PolyCollection, TriMesh
 from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
 from matplotlib.tri import Triangulation
-from numpy.typing import NDArray
 
-from wovenfab.record.fields import Lattice, StoredFields
+from wovenfab.record.fields import StoredFields
 from wovenfab.report.run_data import RunData, largest
 from wovenfab.report.style import (
     INK,
@@ -156,7 +154,7 @@ def error(source: RunData, stored: StoredFields) -> Figure:
 
 def mesh(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: the cells at rest, and an arrow along each family."""
-    cells = corners(stored.points(), stored.triangles()) * MILLIMETRE.factor
+    cells = stored.corners() * MILLIMETRE.factor
     wide, high = _size(np.ptp(cells.reshape(-1, 2), axis=0))
     figure = Figure(figsize=(wide, high - 0.6))
     axes = figure.add_subplot(aspect="equal")
@@ -231,23 +229,6 @@ def lines(
         capstyle="round",
         label=label,
     )
-
-
-def corners(points: Values, triangles: NDArray[np.int64]) -> Values:
-    """Return the corners (m) of the cells on whose lattices fields are stored.
-
-    The stored points, shape (n, 2), and triangles, shape (m, 3), give shape (cells, 3, 2).
-    """
-    # a cell has (p+1)(p+2)/2 points and p^2 triangles, a ratio that no two degrees share
-    degree = next(
-        p
-        for p in range(1, isqrt(len(triangles)) + 1)
-        if 2 * p * p * len(points) == (p + 1) * (p + 2) * len(triangles)
-    )
-    lattice = Lattice(degree)
-    x, y = lattice.points.T
-    (ends,) = np.nonzero((x == 1) | (y == 1) | (x + y == 0))
-    return points.reshape(-1, len(lattice.points), 2)[:, ends]
 
 
 def _coloured(

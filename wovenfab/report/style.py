@@ -14,7 +14,7 @@ from xml.etree import ElementTree as ET
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import TriMesh
+from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
@@ -223,7 +223,7 @@ def scale_of(name: str, unit: str, values: Sequence[Values]) -> Scale:
 def colour_bar(
     figure: Figure,
     axes: Any,
-    painted: TriMesh,
+    painted: ScalarMappable,
     scale: Scale,
     shrink: float = 0.5,
     aspect: float = 40,

@@ -52,29 +52,30 @@ def across(direction: Array) -> Array:
     return np.array([-direction[1], direction[0]])
 
 
-def pieces(outline: Outline, direction: Array, offset: float) -> list[Array]:
-    """Return the parts of one fibre inside the sheet, without those along its edges.
+def pieces(outline: Outline, direction: Array, offsets: Array) -> list[Array]:
+    """Return the parts of fibres of a family inside the sheet, without those along its edges.
 
     Args:
         outline: The sheet.
-        direction: Unit vector along the fibre.
-        offset: Position across the fibre, m.
+        direction: Unit vector along the fibres.
+        offsets: Positions across the fibres, m.
 
     Returns:
-        End points of each part, shape (2, 2), m.
+        For each fibre the end points of its parts, shape (parts, 2, 2), m.
     """
-    reach, least = 4 * outline.extent, SAME * outline.extent
-    origin = offset * across(direction)
-    whole = shapely.LineString([origin - reach * direction, origin + reach * direction])
-    found = shapely.get_parts(outline.polygon.intersection(whole))
-    inside = [p for p in found if p.length > least and not _along(outline, p, least)]
-    return [np.array(p.coords)[[0, -1]] for p in inside]
-
-
-def _along(outline: Outline, piece: shapely.LineString, tolerance: float) -> bool:
-    """Return whether a straight piece runs along an edge; some may touch a corner on the way."""
-    places = piece.interpolate([0.21, 0.5, 0.83], normalized=True)
-    return bool(np.all(shapely.distance(outline.polygon.boundary, places) < tolerance))
+    reach, least = 4 * outline.extent * direction, SAME * outline.extent
+    origins = np.multiply.outer(offsets, across(direction))
+    whole = shapely.linestrings(np.stack([origins - reach, origins + reach], axis=1))
+    parts, number = shapely.get_parts(
+        shapely.intersection(outline.polygon, whole), return_index=True
+    )
+    inside = shapely.length(parts) > least
+    parts, number = parts[inside], number[inside]
+    # A piece along an edge is none; some may touch a corner on the way.
+    places = shapely.line_interpolate_point(parts[:, None], [0.21, 0.5, 0.83], normalized=True)
+    within = ~np.all(shapely.distance(outline.polygon.boundary, places) < least, axis=1)
+    ends = shapely.get_coordinates(shapely.get_point(parts[within, None], [0, -1]))
+    return np.split(ends.reshape(-1, 2, 2), np.searchsorted(number[within], range(1, len(offsets))))
 
 
 def special_lines(outline: Outline, direction: Array, holds: Mapping[str, object]) -> FibreLines:
@@ -92,7 +93,7 @@ def special_lines(outline: Outline, direction: Array, holds: Mapping[str, object
     for place in places:
         offset = float(across(direction) @ place)
         offsets.append(offset)
-        for ends in pieces(outline, direction, offset):
+        for ends in pieces(outline, direction, np.array([offset]))[0]:
             if shapely.LineString(ends).distance(shapely.Point(place)) < tolerance:
                 middle = tuple(np.rint(ends.mean(axis=0) / (10 * tolerance)).astype(np.int64))
                 jumps.setdefault(middle, ends)
@@ -150,8 +151,8 @@ def spaced(
     lines = [evenly(positions, size) for positions in special]
     vertices = np.concatenate([ring.points for ring in outline.rings])
     for family in (1, 0):
-        ends = [_ends(outline, fibres[1 - family], offset) for offset in lines[1 - family]]
-        others = np.concatenate([vertices, *ends])
+        crossing = pieces(outline, fibres[1 - family], lines[1 - family])
+        others = np.concatenate([vertices, *(ends.reshape(-1, 2) for ends in crossing)])
         fixed = np.isin(lines[family], special[family])
         lines[family] = np.array(
             [
@@ -162,10 +163,6 @@ def spaced(
             ]
         )
     return lines[0], lines[1]
-
-
-def _ends(outline: Outline, direction: Array, offset: float) -> Array:
-    return np.reshape(pieces(outline, direction, offset), (-1, 2))
 
 
 def _moved(outline: Outline, direction: Array, offset: float, gap: float, others: Array) -> float:
@@ -184,10 +181,11 @@ def _moved(outline: Outline, direction: Array, offset: float, gap: float, others
     candidates = np.concatenate([[0.0], shifts, meeting[np.abs(meeting) < SHIFT * gap]])
     tolerance = SAME * outline.extent
     best, chosen = -np.inf, offset
-    for shift in candidates:
-        ends = _ends(outline, direction, offset + shift)
-        apart = np.linalg.norm(ends[:, None] - others[None], axis=2)
-        apart = np.where(apart < tolerance, np.inf, apart).min(axis=1)
+    found = pieces(outline, direction, offset + candidates)
+    near = others[np.abs(meeting) < 1.5 * gap]  # all that is closer than the gap to any end
+    for shift, ends in zip(candidates, found, strict=True):
+        apart = np.linalg.norm(ends.reshape(-1, 1, 2) - near[None], axis=2)
+        apart = np.where(apart < tolerance, np.inf, apart).min(axis=1, initial=np.inf)
         room = float(np.minimum(apart, gap).sum() - 0.5 * abs(shift))
         room += 2 * float(np.minimum(apart.min(initial=gap), gap / 2))
         if room > best:
@@ -227,8 +225,8 @@ def _faces(outline: Outline, fibres: Array, offsets: Sequence[Array]) -> Sequenc
     lines = [
         ends
         for family, positions in enumerate(offsets)
-        for offset in positions
-        for ends in pieces(outline, fibres[family], offset)
+        for parts in pieces(outline, fibres[family], positions)
+        for ends in parts
     ]
     vertices = np.concatenate([ring.points for ring in outline.rings])
     points = _merged(np.concatenate([vertices, *lines]), tolerance)

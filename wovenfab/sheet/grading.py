@@ -23,6 +23,8 @@ Triangles = NDArray[np.int64]
 RATIO = 0.25
 #: A vertex lies on a place that it is this close to, as a share of the largest coordinate.
 ON_PLACE = 1e-8
+#: Sides that are shorter than so many times that distance are not cut any more.
+APART = 100
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def grading_of(mesh_size: float, corner_size: float | None) -> Grading:
 def towards(
     points: Array, cells: Triangles, place: shapely.Geometry, layers: Layers, size: float
 ) -> tuple[Array, Triangles]:
-    """Return a mesh that shrinks towards a place by layers.
+    """Return a mesh that shrinks towards a place by layers, as long as vertices are told apart.
 
     Args:
         points: Vertices, shape (n, 2), m.
@@ -93,6 +95,8 @@ def towards(
     """
     reach = ON_PLACE * float(np.abs(points).max())
     for level in range(0 if place.is_empty else layers.count):
+        if layers.ratio ** (level + 1) * size < APART * reach:
+            break
         on = shapely.distance(shapely.points(points), place) < reach
         least = layers.least * size * layers.ratio**level
         points, cells = shrunk(points, cells, on, least, layers.ratio)

@@ -21,8 +21,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, Rectangle
+from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
-from wovenfab.model.snapshot import PointValues
 from wovenfab.parallel import from_root, on_root
 from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
@@ -68,9 +68,7 @@ class SnapshotFormat:
     def scatter(self, values: Any, arrays: Mapping[str, Array]) -> Any:
         """Return the snapshot of this rank; collective.
 
-        Args:
-            values: Plain values, the same on all ranks.
-            arrays: Those of all cells, on rank 0; not used elsewhere.
+        ``values`` are plain and the same on all ranks, ``arrays`` those of all cells, on rank 0.
         """
         if isinstance(values, list):
             return [self.scatter(value, arrays) for value in values]
@@ -151,11 +149,8 @@ class Checkpoints:
     ) -> None:
         """Write nothing yet; collective.
 
-        Args:
-            simulation: The simulation, whose case says how often.
-            directory: The results directory.
-            more: Returns plain values to be kept besides.
-            sync: Puts the rows of the history on the disk; called on rank 0.
+        ``more`` returns plain values to be kept besides; ``sync`` puts the rows of the history on
+        the disk, and is called on rank 0.
         """
         self._simulation, self._directory = simulation, directory
         self._more, self._sync = more, sync

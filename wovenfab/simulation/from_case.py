@@ -1,15 +1,15 @@
-"""Values of a case for the model: numbers stay, formulas become functions of the position.
+"""From a case to the sheet, model, constraints, program and solver that it describes.
 
-From a case to the sheet, model, constraints, program and solver that it describes.
+Numbers stay numbers, formulas become functions of the position.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from functools import partial
-from math import inf, isfinite, pi
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -28,14 +28,16 @@ from wovenfab.case import (
     Ramp,
     Rectangle,
     Table,
+    Trapezoid,
     conditions_of,
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
 from wovenfab.case.program import prescribe_forces
 from wovenfab.case.quantities import coefficients, with_change
-from wovenfab.model.constraints import Constraints, EdgeLoad, Force, Grip, Held
-from wovenfab.model.model import Model, Numerics, Value, build_model
+from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
+from wovenfab.model.fields import extent, misplaced
+from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.parallel import agree
 from wovenfab.sheet.aligned import aligned_sheet
 from wovenfab.sheet.sheet import (
@@ -46,9 +48,17 @@ from wovenfab.sheet.sheet import (
     rectangle,
     rectangle_outline,
 )
-from wovenfab.simulation.progress import memory, memory_of_machine
+from wovenfab.simulation.progress import require_possible
 from wovenfab.solver.problem import SolverOptions
-from wovenfab.stepping.program import Program, Segment, cycle, program_of, ramp, table
+from wovenfab.stepping.program import (
+    Program,
+    Segment,
+    cycle,
+    load_cycle,
+    program_of,
+    ramp,
+    table,
+)
 from wovenfab.stepping.schemes import SCHEMES, Scheme
 
 #: What the functions of a formula mean in UFL.
@@ -73,24 +83,11 @@ UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 }
 
 
-def value_of(value: float | Expression) -> Value:
-    """Return a number, or a UFL expression as a function of the reference position."""
+def _for_model(value: Any) -> Any:
+    """Return a number, or a UFL expression as a function of position and program; so for pairs."""
+    if isinstance(value, tuple):
+        return tuple(map(_for_model, value))
     return partial(_in_ufl, value) if isinstance(value, Expression) else value
-
-
-def load_of(value: float | Expression) -> Force:
-    """Return a number, or a UFL expression as a function of position and program."""
-    return partial(_in_ufl, value) if isinstance(value, Expression) else value
-
-
-def values_of(values: Mapping[str, Any]) -> dict[str, Value | tuple[Value, Value]]:
-    """Return an effect's values; pairs are those of the two families."""
-    return {
-        name: (value_of(value[0]), value_of(value[1]))
-        if isinstance(value, tuple)
-        else value_of(value)
-        for name, value in values.items()
-    }
 
 
 def held_of(component: Component) -> Held | None:
@@ -129,57 +126,65 @@ def _by_coefficient(formula: Expression, number: int, position: Any) -> Any:
     return ufl.diff(_in_ufl(with_change(formula, number), position, change), change)
 
 
-#: Steps that a program may have in all.
-MOST_STEPS = 2_000_000
-
-
 def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     """Return the meshed sheet of a case; collective.
 
     Raises:
-        CaseError: If the geometry cannot be meshed or lacks an edge that the case names; if the
-            case has more steps, or needs more memory, than there can be.
+        CaseError: If the geometry cannot be meshed or lacks an edge that the case names, or
+            :func:`require_possible` says so.
     """
-    per_cycle = case.time.steps_per_cycle
-    steps = sum(
-        len(s.amplitudes) * per_cycle if isinstance(s, Cycles) else getattr(s, "steps", 0)
-        for s in case.program
-    )
-    if steps > MOST_STEPS:
-        message = f"has {steps:.3g} steps; at most {MOST_STEPS:.3g} are possible"
-        raise CaseError([case.problem("program", message, "Take fewer steps a cycle or cycles.")])
-    if isinstance(case.sheet, Rectangle) and (size := case.discretisation.mesh_size):
-        triangles = 2 * case.sheet.length * case.sheet.width / size**2
-        nodes = triangles * case.discretisation.degree**2 / 2
-        require_memory(case, int(2 * nodes * case.needs.placements), comm)
+    require_possible(case, comm)
     try:
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     except GeometryError as error:
         raise CaseError([case.problem("sheet.file", str(error))]) from error
-    missing = [name for name in case.boundary if name not in sheet.edges]
-    if missing:
-        known = f"It has {', '.join(sorted(sheet.edges))}."
-        key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
-        raise CaseError([case.problem(key, message, known)])
+    require_edges(case, sheet.edges)
+    faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
+    if faults:
+        x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
+        where = f"Positions are those at rest; the sheet has x from {x} and y from {y}."
+        raise CaseError([case.problem(key, what, where) for key, what in faults])
     return sheet
 
 
-def require_memory(case: Case, unknowns: int, comm: MPI.Comm) -> None:
-    """Refuse what the memory of all machines together cannot hold; collective.
+def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
+    """Return about how many unknowns there would be, without a mesh of that size; collective.
+
+    A mesh that is in a file counts as none: it is read as it is.
 
     Raises:
-        CaseError: On every rank.
+        CaseError: As from :func:`sheet_of`.
     """
-    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    have = comm.allreduce(memory_of_machine() / machine.size)
-    machine.Free()
-    if (need := memory(unknowns)) > have:
-        message = (
-            f"about {unknowns:.3g} unknowns need about {need / 1e9:.3g} GB of memory, "
-            f"and there are {have / 1e9:.3g} GB"
-        )
-        remedy = "Take larger cells or a lower degree, or more machines."
-        raise CaseError([case.problem("discretisation.mesh_size", message, remedy)])
+    require_possible(case, comm)
+    size = case.discretisation.mesh_size
+    if isinstance(case.sheet, Rectangle):
+        area = case.sheet.length * case.sheet.width
+    elif Path(case.sheet.file).suffix == ".msh":
+        return 0
+    else:
+        from wovenfab.sheet.gmsh_io import outline_from_file
+
+        try:
+            outline, own = outline_from_file(comm, Path(case.sheet.file), None)
+        except GeometryError as error:
+            raise CaseError([case.problem("sheet.file", str(error))]) from error
+        require_edges(case, {name for _, _, name in outline.segments() if name is not None})
+        area, size = outline.polygon.area, size or own
+    assert size is not None
+    nodes = 4 * area / size**2 * case.discretisation.degree**2 / 2
+    return round(2 * nodes * case.needs.placements)
+
+
+def require_edges(case: Case, known: Collection[str]) -> None:
+    """Refuse a case that names an edge that the sheet has not got.
+
+    Raises:
+        CaseError: With the edges that there are.
+    """
+    if missing := [name for name in case.boundary if name not in known]:
+        remedy = f"It has {', '.join(sorted(known))}."
+        key, message = f"boundary.{missing[0]}", f"the sheet has no edge {missing[0]!r}"
+        raise CaseError([case.problem(key, message, remedy)])
 
 
 def follows_fibres(case: Case) -> bool:
@@ -254,7 +259,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         for family in (1, 2)
     ]
     loads = [
-        EdgeLoad(name, _families_of(edge), (load_of(edge.force[0]), load_of(edge.force[1])))
+        EdgeLoad(name, _families_of(edge), _for_model(edge.force))
         for name, _, edge in conditions
         if edge.force is not None
     ]
@@ -262,7 +267,10 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         return build_model(
             sheet,
             [term.effect for term in case.scene],
-            {term.name: values_of(term.values) for term in case.scene},
+            {
+                term.name: {name: _for_model(value) for name, value in term.values.items()}
+                for term in case.scene
+            },
             Numerics(
                 degree=d.degree,
                 quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
@@ -353,33 +361,32 @@ def program_of_case(case: Case) -> Program:
 
 
 def _stretches(
-    segment: Any, start: float | None, per_cycle: int, force: bool
+    segment: Any, start: float | None, per_cycle: int, force: bool = False
 ) -> tuple[list[Segment], float | None]:
     """Return a segment's stretches and the displacement (m) or force (N) at its end."""
-    if isinstance(segment, Cycles):
-        turn = partial(cycle, start, steps=per_cycle, force=force)
-        period = _period(segment)
-        return [s for a in segment.amplitudes for s in turn(a, period=period(a))], start
-    if isinstance(segment, Ramp):
-        duration = segment.duration or 1.0
-        if segment.velocity and start is not None:
-            duration = abs(segment.to - start) / segment.velocity
-        return [ramp(start, segment.to, duration, segment.steps, force)], segment.to
-    if isinstance(segment, Hold):
-        return [ramp(start, start, segment.duration, segment.steps, force)], start
+    match segment:
+        case Cycles():
+            turns = (cycle(start, a, period, per_cycle, force) for a, period in segment.turns())
+            return [stretch for turn in turns for stretch in turn], start
+        case Ramp(to=end, steps=steps):
+            duration = segment.duration or 1.0
+            if segment.velocity and start is not None:
+                duration = abs(end - start) / segment.velocity
+            return [ramp(start, end, duration, steps, force)], end
+        case Hold(duration=duration, steps=steps):
+            return [ramp(start, start, duration, steps, force)], start
+        case Trapezoid(repeat=repeat):
+            assert start is not None
+            position: float | None = start
+            once = list[Segment]()
+            for part in segment.parts(start):
+                added, position = _stretches(part, position, per_cycle)
+                once += added
+            return load_cycle(once) * repeat, start
     assert isinstance(segment, Table)
-    samples = segment.samples
-    return table(start, samples.times, samples.displacements, force), samples.displacements[-1]
-
-
-def _period(segment: Cycles) -> Any:
-    """Return the period (s) as a function of the amplitude (m)."""
-    if segment.frequency is not None:
-        frequency = segment.frequency
-        return lambda amplitude: 1 / frequency
-    assert segment.max_velocity is not None
-    velocity = segment.max_velocity
-    return lambda amplitude: pi * amplitude / velocity
+    samples, divisions = segment.samples, segment.divisions
+    values = samples.displacements
+    return table(start, samples.times, values, divisions, force), values[-1]
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

@@ -10,10 +10,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType, TracebackType
+from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
+from wovenfab.case import Case, CaseError, Rectangle
+
 if TYPE_CHECKING:
+    from mpi4py import MPI
+
     from wovenfab.stepping.step import Step
 
 
@@ -77,9 +81,6 @@ def peak_memory() -> int:
         return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
-if TYPE_CHECKING:
-    from mpi4py import MPI
-
 #: Signals of a terminal that is closed or Ctrl-C, of batch systems and of ``kill``.
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP)
 #: Seconds in which signals are one: a terminal, a launcher and a batch system may all send it.
@@ -122,9 +123,8 @@ class Interruption:
     def __init__(self, launched: bool = False) -> None:
         """Note nothing yet.
 
-        Args:
-            launched: A launcher of ranks passes the signals on, and kills soon after all but
-                SIGUSR1: then the step in progress is dropped.
+        A launcher of ranks passes the signals on, and kills soon after all but SIGUSR1: if
+        ``launched``, the step in progress is then dropped.
         """
         self._launched = launched
         self._number, self._since = 0, 0.0
@@ -138,12 +138,7 @@ class Interruption:
                 self._former[number] = signal.signal(number, self._note)
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Listen no longer."""
         for number, former in self._former.items():
             signal.signal(number, former)
@@ -180,3 +175,42 @@ class Interruption:
         self._number, self._since = number, now
         if not self._stepping:
             raise InterruptedRunError(number)
+
+
+#: Steps that a program may have in all.
+MOST_STEPS = 2_000_000
+
+
+def require_possible(case: Case, comm: MPI.Comm) -> None:
+    """Refuse more steps, or a rectangle with more unknowns, than there can be; collective.
+
+    Raises:
+        CaseError: On every rank.
+    """
+    if (steps := case.planned_steps) > MOST_STEPS:
+        message = f"has {steps:.3g} steps; at most {MOST_STEPS:.3g} are possible"
+        raise CaseError([case.problem("program", message, "Take fewer steps a cycle or cycles.")])
+    if isinstance(case.sheet, Rectangle) and (size := case.discretisation.mesh_size):
+        triangles = 2 * case.sheet.length * case.sheet.width / size**2
+        nodes = triangles * case.discretisation.degree**2 / 2
+        require_memory(case, int(2 * nodes * case.needs.placements), comm)
+
+
+def require_memory(case: Case, unknowns: int, comm: MPI.Comm) -> None:
+    """Refuse what the memory of all machines together cannot hold; collective.
+
+    Raises:
+        CaseError: On every rank.
+    """
+    from mpi4py import MPI  # starts MPI, which a command does after it has read its case
+
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    have = comm.allreduce(memory_of_machine() / machine.size)
+    machine.Free()
+    if (need := memory(unknowns)) > have:
+        message = (
+            f"about {unknowns:.3g} unknowns need about {need / 1e9:.3g} GB of memory, "
+            f"and there are {have / 1e9:.3g} GB"
+        )
+        remedy = "Take larger cells or a lower degree, or more machines."
+        raise CaseError([case.problem("discretisation.mesh_size", message, remedy)])

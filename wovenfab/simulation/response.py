@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from time import perf_counter
 
 import basix.ufl
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, Cycles, Hold, Ramp
+from wovenfab.case import Case, Cycles
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 
@@ -147,8 +148,16 @@ class Response:
         return peak_force_bound(self.times, self.forces)
 
 
+class TooLongError(RuntimeError):
+    """A run was given up, because it took longer than it was allowed to."""
+
+
 def response_of(
-    case: Case, sheet: Sheet, lower: Response | None = None, with_states: bool = False
+    case: Case,
+    sheet: Sheet,
+    lower: Response | None = None,
+    with_states: bool = False,
+    seconds: float = inf,
 ) -> Response:
     """Return the response of a case; collective.
 
@@ -158,8 +167,10 @@ def response_of(
         lower: The response of lower degree on the same mesh, with its states: the initial
             guess of steps to the same times, which takes fewer tangents.
         with_states: Whether the response has its states.
+        seconds: Wall time of the steps after which the run is given up.
 
     Raises:
+        TooLongError: If that is over.
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
@@ -176,6 +187,8 @@ def response_of(
 
         def observe(step: Step) -> None:
             nonlocal at_peak, largest
+            if simulation.comm.allreduce(perf_counter() - start, op=MPI.MAX) > seconds:
+                raise TooLongError(f"more than {seconds:.0f} s after {step.number} steps")
             if step.milestone is None and not every:
                 return
             if abs(step.force) > largest:
@@ -204,14 +217,11 @@ def with_elements(case: Case, **changes: object) -> Case:
 def trial_of(case: Case, accuracy: float) -> Case:
     """Return a shorter case with the same accuracy: only the largest of its cycles.
 
-    Forces balance to the root of the solver's tolerance at least.
-
-    Args:
-        case: The case.
-        accuracy: To which responses will be compared.
+    Forces balance to the root of the solver's tolerance at least; responses will be compared to
+    the accuracy.
     """
     program = tuple(
-        s.model_copy(update={"amplitudes": (max(s.amplitudes, key=abs),)})
+        s.model_copy(update={"amplitudes": (max(s.amplitudes),), "repeat": 1})
         if isinstance(s, Cycles)
         else s
         for s in case.program
@@ -221,20 +231,21 @@ def trial_of(case: Case, accuracy: float) -> Case:
     return case.model_copy(update={"program": program, "solver": solver})
 
 
-def with_steps(case: Case, share: float, tolerance: float | None = None) -> Case:
+def with_steps(
+    case: Case, share: float, tolerance: float | None = None, fewest: int = FEWEST
+) -> Case:
     """Return a case with about this share of its planned steps; a table keeps its rows.
 
     Args:
         case: The case.
         share: Number of planned steps over that of the case.
         tolerance: By which steps adapt in between; None for planned steps.
+        fewest: Of a ramp or a hold.
     """
-
-    def fewer(steps: int) -> int:
-        return max(FEWEST, round(steps * share))
-
     program = tuple(
-        s.model_copy(update={"steps": fewer(s.steps)}) if isinstance(s, Ramp | Hold) else s
+        s
+        if isinstance(s, Cycles) or not s.steps
+        else s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
         for s in case.program
     )
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
@@ -242,24 +253,13 @@ def with_steps(case: Case, share: float, tolerance: float | None = None) -> Case
     return case.model_copy(update={"program": program, "time": time})
 
 
-def planned_steps(case: Case) -> int:
-    """Return the number of planned steps of a case."""
-    return len(program_of_case(case).milestones) - 1
-
-
 def has_fixed_steps(case: Case) -> bool:
     """Return whether no segment can be divided in another number of steps."""
-    return not any(isinstance(s, Cycles | Ramp | Hold) for s in case.program)
+    return not any(isinstance(s, Cycles) or s.steps for s in case.program)
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:
-    """Return unknowns of the higher degree that make the same field.
-
-    Args:
-        values: Unknowns of the lower degree with ghosts, shape (n,), m.
-        low: Their model, on the same mesh as
-        high: that of higher degree.
-    """
+    """Return unknowns (m, with ghosts) of a higher degree that make the same field."""
     elements = [
         basix.ufl.element("Lagrange", "triangle", m.balance.degree).basix_element
         for m in (low, high)
@@ -279,13 +279,7 @@ class Prolongation:
     """
 
     def __init__(self, states: Mapping[float, Array], low: Model, high: Model) -> None:
-        """Start without any step.
-
-        Args:
-            states: Unknowns of the lower degree with ghosts (m) by time (s).
-            low: Their model, on the same mesh as
-            high: the one that is stepped.
-        """
+        """Start without any step, from unknowns (m, with ghosts) of lower degree by time (s)."""
         self._states, self._low, self._high = states, low, high
         self._corrections: list[tuple[float, Array]] = []
 

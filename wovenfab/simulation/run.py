@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.fields import FieldProbe
-from wovenfab.model.model import preserved
+from wovenfab.model.fields import FieldProbe, Probes
+from wovenfab.model.model import Model, preserved
 from wovenfab.parallel import on_root
-from wovenfab.record.bias_extension import bias_extension_of
-from wovenfab.record.field_file import MODE, Checkpoint
-from wovenfab.record.fields import FieldSeries, Lattice
-from wovenfab.record.history import History, HistoryRows, read_history
+from wovenfab.record.field_file import FIELDS, MODE, Checkpoint
+from wovenfab.record.fields import FieldSeries, write_lines
+from wovenfab.record.history import History, HistoryRows, bias_extension_of, read_history
 from wovenfab.record.results import this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
+from wovenfab.sheet.lattice import Lattice
 from wovenfab.simulation.checkpoint import Checkpoints
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
@@ -28,26 +27,6 @@ from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step
 
 Columns = dict[str, NDArray[np.float64]]
-#: Counters of an outcome that go on with a run.
-EFFORT = "steps", "iterations", "tangents", "cutbacks"
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of a run, from its start or a checkpoint on.
-
-    Attributes:
-        first_step: Number of the step that it began after.
-        ranks: Number of MPI ranks.
-        command, commit: As in ``summary.json``.
-        wall_time_s: Wall time of each phase so far, s.
-    """
-
-    first_step: int
-    ranks: int
-    command: str
-    commit: str
-    wall_time_s: Mapping[str, float]
 
 
 def run(
@@ -81,47 +60,53 @@ def run(
     model, program, comm = simulation.model, simulation.program, simulation.comm
     before = checkpoint.values["run"] if checkpoint else {"parts": [], "outcome": {}, "losses": []}
     first = checkpoint.step if checkpoint else -1
+    gauges = simulation.case.output.gauges
+    with watch.phase("compile"):
+        probes = Probes(model, gauges) if gauges else None
     rows = HistoryRows(
         [e.name for e in model.effects if not e.dissipative],
-        [e.name for e in model.effects if e.dissipative],
+        [e.name for e in model.effects if e.loses],
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
+        probes.columns if probes else (),
     )
+
+    def probed() -> list[float]:
+        if probes is None:
+            return []
+        with watch.phase("probes"):
+            return probes.values()
+
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
     observers: list[Observer] = [modes, lambda step: values.append(rows.row(step)[0])]
-    outcome = Outcome(**before["outcome"])
-    parts = [Part(**part) for part in before["parts"]]
+    simulation.outcome = Outcome(**before["outcome"])
 
-    def parts_so_far() -> list[Part]:
+    def parts() -> list[dict[str, Any]]:
+        """Return the parts of the run from its start or a checkpoint on, with their times (s)."""
         origin = this_process(comm.size)
-        seconds = dict(watch.seconds)
-        return [*parts, Part(max(first, 0), comm.size, origin.command, origin.commit, seconds)]
-
-    def count(step: Step) -> None:
-        nonlocal outcome
-        outcome = outcome.after(step)
+        now = {"first_step": max(first, 0), "ranks": comm.size, "command": origin.command}
+        return [*before["parts"], now | {"commit": origin.commit, "wall_time_s": {**watch.seconds}}]
 
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
         if directory is not None:
+            history = stack.enter_context(History(directory, rows, comm, first))
             text = simulation.case.to_yaml()
             on_root(comm, lambda: write_whole(directory / "case.yaml", text))
             on_root(comm, lambda: (directory / SUMMARY).unlink(missing_ok=True))
             with watch.phase("compile"):
                 fields = FieldWriter(simulation, directory, first, before.get("planned", -1))
-            history = stack.enter_context(History(directory, rows, comm, first))
 
             def write_fields(step: Step) -> None:
                 with watch.phase("fields"):
                     fields(step)
 
             def state() -> dict[str, Any]:
-                effort = {name: getattr(outcome, name) for name in EFFORT}
                 return {
                     "run": {
-                        "parts": [asdict(part) for part in parts_so_far()],
-                        "outcome": effort,
+                        "parts": parts(),
+                        "outcome": simulation.outcome.effort,
                         "losses": modes.figures,
                         "planned": fields.planned,
                         "errors": errors,
@@ -134,7 +119,10 @@ def run(
                 with watch.phase("checkpoints"):
                     checkpoints(step)
 
-            observers = [modes, history.append, write_fields, count, write_checkpoint]
+            observers = [
+                *(modes, lambda step: history.append(step, probed())),
+                *(write_fields, write_checkpoint),
+            ]
         if checkpoint is not None:
             simulation.resume(checkpoint)
         progress(Progress("stepping", unknowns=model.unknowns))
@@ -143,7 +131,6 @@ def run(
             *observers,
             lambda step: progress(Progress("stepping", step.time / end, step, model.unknowns)),
             watch=watch,
-            outcome=outcome,
             until=until,
             interruption=interruption,
         )
@@ -158,22 +145,24 @@ def run(
         )
     else:
         columns = comm.bcast(read_history(directory) if comm.rank == 0 else None)
-    parts = parts_so_far()
+    all_parts = parts()
     summary = summarise(
         columns,
         program.cycles,
         outcome=str(outcome),
         unknowns=model.unknowns,
         cut_backs=outcome.cutbacks,
-        seconds=total(part.wall_time_s for part in parts),
+        seconds=total(part["wall_time_s"] for part in all_parts),
         ranks=comm.size,
         losses=modes.figures,
-        parts=[asdict(part) for part in parts],
+        parts=all_parts,
     )
     if directory is not None:
         write_summary(directory, summary, comm)
         specimen = bias_extension_of(simulation.case)
         on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen))
+        if lines := simulation.case.output.lines:
+            on_root(comm, lambda: write_lines(directory, lines, model.sheet.fibres))
     return outcome, columns, summary
 
 
@@ -184,6 +173,20 @@ def total(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
         for phase, seconds in part.items():
             sums[phase] = sums.get(phase, 0.0) + seconds
     return sums
+
+
+def _opened(
+    model: Model, directory: Path, groups: Sequence[str], until: int, name: str = FIELDS
+) -> tuple[FieldProbe, FieldSeries]:
+    """Return what evaluates groups of fields, and the files that get them; collective."""
+    lattice = Lattice(model.balance.degree)
+    probe = FieldProbe(model, groups, lattice.points)
+    units = {f.name: f.unit or "1" for f in probe.fields}
+    if name == MODE:
+        units |= {field.replace("displacement", "mode"): "1" for field in units}
+    places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
+    series = FieldSeries(directory, model.comm, lattice, places, cells, units, name, until)
+    return probe, series
 
 
 class FieldWriter:
@@ -198,27 +201,13 @@ class FieldWriter:
     ) -> None:
         """Create the files, or go on with those of an earlier run; collective.
 
-        Args:
-            simulation: The simulation.
-            directory: The results directory.
-            until: Last step of an earlier run whose fields are kept; negative for none.
-            planned: Number of planned steps that it had made; -1 before the initial state.
+        ``until`` is the last step of an earlier run whose fields are kept, negative for none, and
+        ``planned`` the number of planned steps that it had made, -1 before the initial state.
         """
         case, program = simulation.case, simulation.program
         self._every = case.output.every
         self._always = {*program.reversals, program.milestones[-1].time}
-        lattice = Lattice(case.discretisation.degree)
-        self._probe = FieldProbe(simulation.model, case.output.fields, lattice.points)
-        units = {f.name: f.unit or "1" for f in self._probe.fields}
-        self._series = FieldSeries(
-            directory,
-            simulation.comm,
-            lattice,
-            self._probe.positions().reshape(-1, 2),
-            simulation.model.sheet.original_cells[self._probe.cells],
-            units,
-            until=until,
-        )
+        self._probe, self._series = _opened(simulation.model, directory, case.output.fields, until)
         self.planned = planned
 
     def __call__(self, step: Step) -> None:
@@ -229,9 +218,7 @@ class FieldWriter:
         if self.planned % self._every and step.milestone.time not in self._always:
             return
         data = {
-            name: np.ascontiguousarray(v.reshape(-1, v.shape[2]).squeeze(axis=1))
-            if v.shape[2] == 1
-            else v.reshape(-1, v.shape[2])
+            name: v.ravel() if v.shape[2] == 1 else v.reshape(-1, v.shape[2])
             for name, v in self._probe.values().items()
         }
         self._series.write(step.number, step.time, data)
@@ -252,12 +239,9 @@ class ModeWriter:
         directory: Path | None,
         figures: Sequence[Mapping[str, float]] = (),
     ) -> None:
-        """Write nothing yet.
+        """Write nothing yet, and go on with the figures of an earlier run.
 
-        Args:
-            simulation: The simulation.
-            directory: The results directory; None to keep only the figures.
-            figures: Those of an earlier run that goes on.
+        Without a directory there are only the figures.
         """
         self._simulation, self._directory = simulation, directory
         self._files: tuple[FieldProbe, FieldSeries] | None = None
@@ -271,7 +255,11 @@ class ModeWriter:
     def add(self, loss: StabilityLoss) -> None:
         """Write a loss; collective. The model's field is left as it is."""
         if self._directory is not None:
-            probe, series = self._files = self._files or self._start(self._directory)
+            model, last = self._simulation.model, len(self.figures) - 1
+            self._files = self._files or _opened(
+                model, self._directory, ["displacement"], last, MODE
+            )
+            probe, series = self._files
             data = {}
             for part, values in (("displacement", loss.saddle), ("mode", loss.mode)):
                 for name, at_points in self._evaluated(probe, values).items():
@@ -286,18 +274,6 @@ class ModeWriter:
                 "negative_eigenvalues": loss.negatives,
             }
         )
-
-    def _start(self, directory: Path) -> tuple[FieldProbe, FieldSeries]:
-        model = self._simulation.model
-        lattice = Lattice(model.balance.degree)
-        probe = FieldProbe(model, ["displacement"], lattice.points)
-        units = {f.name: f.unit for f in probe.fields}
-        units |= {name.replace("displacement", "mode"): "1" for name in units}
-        places, cells = probe.positions().reshape(-1, 2), model.sheet.original_cells[probe.cells]
-        series = FieldSeries(
-            directory, model.comm, lattice, places, cells, units, MODE, len(self.figures) - 1
-        )
-        return probe, series
 
     def _evaluated(
         self, probe: FieldProbe, values: NDArray[np.float64]

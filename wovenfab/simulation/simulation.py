@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from signal import Signals
-from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from mpi4py import MPI
@@ -25,11 +24,10 @@ from wovenfab.simulation.from_case import (
     model_of,
     options_of,
     program_of_case,
-    require_memory,
     require_values,
     scheme_of,
 )
-from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
+from wovenfab.simulation.progress import Interruption, Stopwatch, require_memory, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import OptionError, Problem, SolverOptions
 from wovenfab.stepping.stability import StabilityLostError, Treatment
@@ -53,6 +51,7 @@ class Simulation:
         solver: Solver of its problem.
         program: The load program.
         stepper: Goes through the program.
+        outcome: Effort so far.
     """
 
     def __init__(
@@ -102,6 +101,7 @@ class Simulation:
         if self.program.changes:
             self.stepper.control_force(self._edge, self._direction)
         self._prepared = False
+        self.outcome = Outcome()
 
     @property
     def model(self) -> Model:
@@ -123,11 +123,7 @@ class Simulation:
         return x * fx + y * fy, x * fy - y * fx
 
     def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
-        """Give each step the derivatives of the driven force by parameters; collective.
-
-        Args:
-            targets: The parameters.
-            dissipation: Differentiate the dissipated energy, too.
+        """Give each step the derivatives of driven force and dissipation by parameters; collective.
 
         Raises:
             CaseError: If the program prescribes a force.
@@ -175,7 +171,6 @@ class Simulation:
         self,
         *observers: Observer,
         watch: Stopwatch | None = None,
-        outcome: Outcome | None = None,
         until: float = inf,
         interruption: Interruption | None = None,
     ) -> Outcome:
@@ -186,11 +181,10 @@ class Simulation:
         Args:
             observers: Called in this order after each accepted step.
             watch: Gets the wall time of the steps, the first one apart.
-            outcome: Effort so far of a run that goes on.
             until: Time (s) at or after which the run pauses.
             interruption: Notes signals; None to leave them alone.
         """
-        watch, outcome = watch or Stopwatch(), outcome or Outcome()
+        watch = watch or Stopwatch()
         if interruption is not None:
             interruption.begin_steps()
             self.solver.newton.on_iteration = partial(interruption.check, self.comm)
@@ -200,23 +194,23 @@ class Simulation:
                 with watch.phase(phase):
                     step = next(steps, None)
             except (StepFailedError, StabilityLostError) as failure:
-                cutbacks = outcome.cutbacks + failure.cutbacks
-                return replace(outcome, failure=failure, cutbacks=cutbacks)
+                cutbacks = self.outcome.cutbacks + failure.cutbacks
+                return replace(self.outcome, failure=failure, cutbacks=cutbacks)
             except BaseException as error:
                 if not (number := signal_behind(error)):
                     raise
                 self.stepper.restore()
-                return replace(outcome, signal=number)
+                return replace(self.outcome, signal=number)
             if step is None:
-                return outcome
+                return self.outcome
             phase = "steps" if step.number else phase
-            outcome = outcome.after(step)
+            self.outcome = self.outcome.after(step)
             for observe in observers:
                 observe(step)
             if interruption is not None and (number := interruption.asked(self.comm)):
-                return replace(outcome, signal=number)
+                return replace(self.outcome, signal=number)
             if step.time >= until and step.time < self.program.milestones[-1].time:
-                return replace(outcome, paused=True)
+                return replace(self.outcome, paused=True)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -226,12 +220,7 @@ class Simulation:
         """Return the simulation itself."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Free the PETSc objects; collective."""
         self.destroy()
 
@@ -266,6 +255,13 @@ class Outcome:
             tangents=self.tangents + step.tangents,
             cutbacks=self.cutbacks + step.cutbacks,
         )
+
+    @property
+    def effort(self) -> dict[str, int]:
+        """The counters, which go on with a run."""
+        return {
+            name: getattr(self, name) for name in ("steps", "iterations", "tangents", "cutbacks")
+        }
 
     def __str__(self) -> str:
         """Return how the run ended, as in the summary."""

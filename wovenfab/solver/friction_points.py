@@ -15,9 +15,11 @@ from ufl.constantvalue import Zero
 
 from forms.friction import PointFriction
 from wovenfab.model.assembly import compile_expression
-from wovenfab.model.snapshot import PointValues
+from wovenfab.model.memory import PointValues
 
 Array = NDArray[np.float64]
+#: Least bound that varies, N/m^2: a point of none is left out for good, which such a one is not.
+LEAST = 1e-6
 
 
 class _PointRule:
@@ -38,9 +40,18 @@ class _PointRule:
         creep = friction.creep()
         self._creep = None if creep is None else compile_expression(creep, points)
         given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
-        area, bound = self.at(compile_expression(given, points)).reshape(-1, 2).T
+        self._given, self.varies = (
+            compile_expression(given, points),
+            bool(friction.term.effect.memory),
+        )
+        area, _ = self.at(self._given).reshape(-1, 2).T
         self.area = np.repeat(area * np.tile(weights, own), self._size)
-        self.bound = np.repeat(bound, self._size)
+
+    @property
+    def bound(self) -> Array:
+        """The largest stress; it may vary with internal variables, and then come back from zero."""
+        _, bound = self.at(self._given).reshape(-1, 2).T
+        return np.repeat(np.maximum(bound, LEAST) if self.varies else bound, self._size)
 
     def increments(self) -> Array:
         return self.at(self._increment)
@@ -51,7 +62,7 @@ class _PointRule:
     def creep(self) -> Array:
         """Return the creep and its slope, shape (2, n)."""
         if self._creep is None:
-            return np.zeros((2, self.bound.size))
+            return np.zeros((2, self.area.size))
         values = self.at(self._creep).reshape(-1, 2, self._size)
         return np.swapaxes(values, 0, 1).reshape(2, -1)
 
@@ -91,11 +102,18 @@ class FrictionPoints:
         self._rules = [_PointRule(f, self._direction) for f in frictions]
         everywhere = np.concatenate([r.bound for r in self._rules])
         self._acting = everywhere > 0
-        self._ends = np.cumsum([r.bound.size for r in self._rules])[:-1]
+        self._ends = np.cumsum([r.area.size for r in self._rules])[:-1]
         self._comm = space.mesh.comm
         self.bound = everywhere[self._acting]
         self.area = np.concatenate([r.area for r in self._rules])[self._acting]
         self.creeps = any(not f.term.effect.set_valued for f in frictions)
+
+    def renew(self) -> bool:
+        """Evaluate the bounds anew if they vary; return whether they do."""
+        varies = any(rule.varies for rule in self._rules)
+        if varies:
+            self.bound[:] = self._all(lambda rule: rule.bound)
+        return varies
 
     def increments(self) -> Array:
         """Return the increments b of the model's present field."""
@@ -134,7 +152,7 @@ class FrictionPoints:
         """Return for each value the largest absolute one of its friction; collective."""
         mine = [float(np.abs(part).max(initial=0.0)) for part in self._parts(values)]
         most = np.max(self._comm.allgather(mine), axis=0)
-        sizes = [rule.bound.size for rule in self._rules]
+        sizes = [rule.area.size for rule in self._rules]
         repeated: Array = np.repeat(most, sizes)[self._acting]
         return repeated
 
@@ -159,7 +177,7 @@ class FrictionPoints:
     def values(self, expressions: Sequence[fem.Expression | None]) -> Array:
         """Return the values of such expressions."""
         pairs = zip(self._rules, expressions, strict=True)
-        parts = [np.zeros(r.bound.size) if e is None else r.at(e) for r, e in pairs]
+        parts = [np.zeros(r.area.size) if e is None else r.at(e) for r, e in pairs]
         return np.concatenate(parts)[self._acting]
 
     def _all(self, of: Callable[[_PointRule], Array]) -> Array:

@@ -23,8 +23,8 @@ from petsc4py import PETSc
 
 from forms.kinematics import point_of, point_variation
 from wovenfab.model.assembly import compile_expression
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import Model, preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.problem import Problem
 
 Reason = PETSc.SNES.ConvergedReason

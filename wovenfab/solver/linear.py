@@ -23,7 +23,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from wovenfab.model.snapshot import attributes, take_attributes
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.reuse import BackOff
 
 logger = logging.getLogger(__name__)

@@ -201,6 +201,7 @@ class NewtonSolver:
         self.linear.source = {
             "fields": [field.x.array.copy() for field in self._tangent_fields],
             "weights": [float(weight.value) for weight in self._tangent_weights],
+            "variables": memory.snapshot() if (memory := self.problem.model.memory) else {},
         }
         self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
 
@@ -210,6 +211,8 @@ class NewtonSolver:
             field.x.array[:] = values
         for weight, value in zip(self._tangent_weights, source["weights"], strict=True):
             weight.value = value
+        if self.problem.model.memory:
+            self.problem.model.memory.resume(source["variables"])
         self.problem.evaluate_tangent(self._matrix)
 
     @property

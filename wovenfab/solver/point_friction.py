@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.effect import Target
+from forms.effect import Target, along_fields, by_parameter
 from forms.friction import PointFriction
 from wovenfab.model.model import Model
 from wovenfab.solver.friction_points import FrictionPoints
@@ -89,6 +90,8 @@ class PointStress:
             diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
         self._started = self._moved = False
+        if self._points.renew():
+            self._accepted = np.clip(self._accepted, -self._points.bound, self._points.bound)
         if self._stiffness is None:
             self._stiffness = self._sheet_stiffness(diagonal)
 
@@ -326,36 +329,38 @@ class PointSensitivity:
         model: Model,
         stress: PointStress,
         targets: Sequence[Target],
-        earlier: Sequence[fem.Function],
+        changes: Sequence[tuple[fem.Function, fem.Function]],
     ) -> None:
-        """Compile what parameters change at the points; collective.
+        """Compile what changes at the points for fixed present state and stress; collective.
 
         Args:
             model: The model with point friction.
             stress: Its stresses.
             targets: The parameters.
-            earlier: Fields along which the earlier states change.
+            changes: Fields that the laws depend on, each with that along which it changes.
         """
-        self._stress, points = stress, stress.points
-        frictions = model.point_frictions
-        self._along = points.compiled([f.increment_along(earlier) for f in frictions])
+        self._stress, points, frictions = stress, stress.points, model.point_frictions
 
-        def of_all(by: Callable[[PointFriction, Target], Any | None]) -> list[Any]:
-            symbols = [[by(f, t) or ufl.zero() for f in frictions] for t in targets]
-            return [points.compiled(row) for row in symbols]
+        def slopes(of: Callable[[PointFriction], Any]) -> tuple[Any, list[Any]]:
+            """Return the changes of a quantity along the fields, and by each parameter."""
 
-        self._strengths = of_all(PointFriction.strength_by)
-        self._creeps = of_all(PointFriction.creep_by)
+            def by(target: Target, friction: PointFriction) -> Any:
+                terms = [friction.term]
+                return by_parameter(target, terms, lambda t: of(replace(friction, term=t)))
+
+            parameters = [[by(t, f) or ufl.zero() for f in frictions] for t in targets]
+            along = points.compiled([along_fields(of(f), changes) for f in frictions])
+            return along, [points.compiled(row) for row in parameters]
+
+        self._strengths = slopes(PointFriction.strength)
+        self._excesses = slopes(PointFriction.excess)
         self._tangent: Array = np.zeros(0)
-        self._by_parameter: list[Array] = []  # changes of the increments at fixed stresses
+        self._by_bound: Array = np.zeros(0)
 
     def linearise(self) -> None:
         """Linearise the laws at the solution, and give the forms their tangents."""
-        points = self._stress.points
         with self._stress.off_bounds():
-            self._tangent, by_bound = self._stress.linearise()
-            pairs = zip(self._creeps, self._strengths, strict=True)
-            self._by_parameter = [points.values(c) + by_bound * points.values(s) for c, s in pairs]
+            self._tangent, self._by_bound = self._stress.linearise()
 
     def hold(self) -> None:
         """Give the forms no tangents: stresses stay as they are."""
@@ -386,6 +391,10 @@ class PointSensitivity:
         self._stress.add_force_of(stresses, b)
 
     def _change(self, target: int) -> Array:
-        points = self._stress.points
-        change = points.values(self._along) - self._by_parameter[target]
-        return np.asarray(self._tangent * change)
+        def change(slopes: tuple[Any, list[Any]]) -> Array:
+            along, by = slopes
+            return self._stress.points.values(along) + self._stress.points.values(by[target])
+
+        with self._stress.off_bounds():
+            excess, strength = change(self._excesses), change(self._strengths)
+        return np.asarray(self._tangent * (excess - self._by_bound * strength))

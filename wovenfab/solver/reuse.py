@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.model.snapshot import attributes, take_attributes
+from wovenfab.model.memory import attributes, take_attributes
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
 from wovenfab.stepping.state import State
 
 if TYPE_CHECKING:
-    from wovenfab.stepping.schemes import StepError
+    from wovenfab.stepping.time_error import StepError
 
 Array = NDArray[np.float64]
 #: Sums over the steps.
@@ -73,7 +73,7 @@ class EnergyBalance:
         model = solver.problem.model
         self._solver, self._model, self._stage = solver, model, scheme.stage
         self.work = self.dissipated_error = 0.0
-        self.dissipated = {e.name: 0.0 for e in model.effects if e.dissipative}
+        self.dissipated = {e.name: 0.0 for e in model.effects if e.loses}
         self.error: StepError | None = None
         own, zero = model.placements.owned, dict.fromkeys(self.dissipated, 0.0)
         self._own = own
@@ -98,7 +98,7 @@ class EnergyBalance:
         }
         self.forces = Forces(**forces)
         if snapshot["error"]:
-            from wovenfab.stepping.schemes import StepError
+            from wovenfab.stepping.time_error import StepError
 
             self.error = StepError(**snapshot["error"])
 
@@ -116,13 +116,13 @@ class EnergyBalance:
         plastic = self._solver.plastic_force()
         power, loads = model.dissipated_power(), model.loading.force()
         stage = Forces(problem.force, loads, power, plastic)
-        set_valued = model.dissipated_energy()
+        lost = model.dissipated_energy()
         change = state.finish(until, jump)
         now, mean = self._now_and_mean(stage, state, jump)
         moved = change[: self._own]
         self.work += problem.constraints.work(mean.force, moved)
         self.work += float(model.comm.allreduce(mean.load @ moved))
-        for name, energy in set_valued.items():
+        for name, energy in lost.items():
             self.dissipated[name] += energy / self._stage
         for name, mean_power in mean.power.items():
             self.dissipated[name] += step * mean_power

@@ -1,10 +1,10 @@
 """Force control: the displacement of the program for which the driven edge has a given force.
 
 Where a step has its equilibrium, the force F of the driven edge is a function of the displacement
-u alone, which equilibrium for prescribed placements gives. F(u) is solved
-for u by Newton's method inside a bracket. The first slope is that of the tangent K at an equilibrium: with the change w of the
-prescribed placements with u, a unit displacement v of the driven edge, and the free part of K,
-dF/du = (v - y).K w with K_free y = K v, the Schur complement. Later slopes are secants. Each
+u alone, which equilibrium for prescribed placements gives. F(u) is solved for u by Newton's
+method inside a bracket. The first slope is that of the tangent K at an equilibrium: with the change
+w of the prescribed placements with u, a unit displacement v of the driven edge, and the free part
+of K, dF/du = (v - y).K w with K_free y = K v, the Schur complement. Later slopes are secants. Each
 equilibrium begins from the last one, moved along its change with u. F is the work of the internal
 force on v - y rather than on v, so that what is left of the residual counts to second order only.
 

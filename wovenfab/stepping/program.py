@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from math import cos, pi
 
 import numpy as np
@@ -71,12 +72,14 @@ class Program:
         """Return the stretch that leads to a time (s), and the time since its start (s)."""
         if time in self._planned:  # bit for bit, which t - start could miss
             return self._planned[time]
-        start = 0.0
-        for s in self._stretches:
-            if time <= start + s.duration:
-                return s, time - start
-            start += s.duration
-        return self._places[-1]
+        number = bisect_left(self._ends, time)
+        if number == len(self._ends):
+            return self._places[-1]
+        return self._stretches[number], time - (self._ends[number - 1] if number else 0.0)
+
+    @cached_property
+    def _ends(self) -> list[float]:
+        return list(accumulate(s.duration for s in self._stretches))
 
     def value(self, time: float, before: float = 0.0) -> float:
         """Return the displacement (m) or force (N) at a time (s); the end value beyond the end.
@@ -97,25 +100,25 @@ class Program:
     def changes(self) -> dict[float, bool]:
         """Times (s) from which forces are prescribed after displacements (true), or the reverse."""
         time, force, found = 0.0, False, {}
-        for s in self._stretches:
+        for s, end in zip(self._stretches, self._ends, strict=True):
             if s.force != force:
                 found[time] = s.force
-            time, force = time + s.duration, s.force
+            time, force = end, s.force
         return found
 
     @cached_property
     def largest_force(self) -> float:
         """The largest planned force, N; zero where none is prescribed."""
-        forces = [abs(m.value) for m in self.milestones if self.prescribes_force(m.time)]
-        return max(forces, default=0.0)
+        places = zip(self.milestones, self._places, strict=True)
+        return max((abs(m.value) for m, (s, _) in places if s.force), default=0.0)
 
     @property
     def cycles(self) -> list[tuple[float, float]]:
         """Start and end (s) of each load cycle; other segments belong to none."""
         found, begun, time = [], 0.0, 0.0
-        for s in self._stretches:
+        for s, end in zip(self._stretches, self._ends, strict=True):
             begun = time if s.starts_cycle else begun
-            time += s.duration
+            time = end
             if s.ends_cycle:
                 found.append((begun, time))
         return found
@@ -175,10 +178,8 @@ def cycle(
         return at
 
     half = period / 2
-    return [
-        Segment(half, steps // 2, path(0.0), jump=False, starts_cycle=True, force=force),
-        Segment(half, steps // 2, path(half), jump=False, ends_cycle=True, force=force),
-    ]
+    halves = (Segment(half, steps // 2, path(t), jump=False, force=force) for t in (0.0, half))
+    return load_cycle(list(halves))
 
 
 def ramp(
@@ -194,13 +195,24 @@ def ramp(
 
 
 def table(
-    start: float | None, times: Sequence[float], values: Sequence[float], force: bool = False
+    start: float | None,
+    times: Sequence[float],
+    values: Sequence[float],
+    divisions: Sequence[int] = (),
+    force: bool = False,
 ) -> list[Segment]:
     """Return one stretch a row of a table, linear in between, beginning at ``start`` (m or N).
 
     The velocity counts as jumping where it changes by more than half of the larger
     of its values, as at a corner; not from row to row of a sampled smooth curve, and not where
     forces are prescribed, since friction is then continuous as they are.
+
+    Args:
+        start: Displacement (m) or force (N) where it begins, or BEFORE.
+        times: Of the rows, s.
+        values: Displacements (m) or forces (N) of the rows.
+        divisions: Number of steps to each row from the one before or the start; one unless given.
+        force: The values are forces.
     """
     first: float | None = values[0]
     if times[0] > 0:
@@ -210,8 +222,16 @@ def table(
     before = np.concatenate([[0.0], velocity[:-1]])
     jumps = np.abs(velocity - before) > 0.5 * np.maximum(np.abs(velocity), np.abs(before))
     starts = [first, *values[1:]]
-    rows = zip(pairwise(times), starts, values[1:], jumps, strict=False)
+    divisions = divisions or (1,) * len(jumps)
+    rows = zip(pairwise(times), starts, values[1:], jumps, divisions, strict=False)
     return [
-        replace(ramp(d0, d1, t1 - t0, 1, force), jump=bool(jump) and not force)
-        for (t0, t1), d0, d1, jump in rows
+        replace(ramp(d0, d1, t1 - t0, steps, force), jump=bool(jump) and not force)
+        for (t0, t1), d0, d1, jump, steps in rows
     ]
+
+
+def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
+    """Return stretches that together are a load cycle."""
+    first, *others = stretches
+    *between, last = others
+    return [replace(first, starts_cycle=True), *between, replace(last, ends_cycle=True)]

@@ -5,6 +5,8 @@ solution, one right-hand side for each parameter. The force of an edge is the wo
 force on a unit displacement w of that edge: its derivative is w.(K du + b) with the tangent K
 and the right-hand side b before boundary conditions, and K w is formed once for all parameters.
 
+Internal variables have derivatives of their own, which their updates carry on.
+
 The lengths of the steps are taken as given. Where set-valued friction is about to stick or to
 slide, the derivative is one of the two one-sided ones, or between them.
 """
@@ -13,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,8 +25,9 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.effect import Target
+from forms.effect import Target, Term, along_fields, by_parameter
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
+from wovenfab.model.memory import VariableSlopes
 from wovenfab.model.model import Model, preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.schemes import Scheme
@@ -83,11 +87,12 @@ class TangentLinear:
         self.targets = tuple(targets)
         self._solver, self._problem, self._stage = solver, problem, scheme.stage
         self._virtual, self._dissipation = virtual, dissipation
-        self._compiled: dict[int, tuple[Model, SensitivityForms, PointSensitivity | None]] = {}
+        self._compiled: dict[int, tuple[Model, dict[str, Sum], PointSensitivity | None]] = {}
+        self._directions = Directions(problem.model, targets)
         self._forms()
         size = problem.model.field.x.array.size
-        # Derivatives of the last two accepted states and of the stage state.
-        self._states = [np.zeros((len(targets), size)) for _ in range(2)]
+        # Derivatives of the last accepted states that rates use and of the stage state.
+        self._states = [np.zeros((len(targets), size)) for _ in range(max(2, scheme.memory))]
         self._now = np.zeros((len(targets), size))
         self._stresses: list[Array] = []
         zero: Array = np.zeros(len(targets))
@@ -130,23 +135,27 @@ class TangentLinear:
             before = self._states[0]
             self._now = before + (self._now - before) / self._stage
             self.derivatives = Derivatives(self._force_at_end(), self.derivatives.dissipated)
-        self._states = [self._now.copy(), self._states[0]]
+        for k in range(len(self.targets)):
+            self._set(k)
+            self._directions.update(k)
+        self._states = [self._now.copy(), *self._states[:-1]]
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self._b.destroy()
         self._x.destroy()
 
-    def _forms(self) -> tuple[Model, SensitivityForms, PointSensitivity | None]:
+    def _forms(self) -> tuple[Model, dict[str, Sum], PointSensitivity | None]:
         """Return the forms of the model as it is solved now: friction may have changed."""
         model, stress = self._problem.model, self._problem.point_stress
         if id(model) not in self._compiled:
             points = None
-            forms = sensitivity_forms(model, self.targets)
+            others = self._directions.others
+            forms = sensitivity_forms(model, self.targets, self._directions)
             if stress:
                 from wovenfab.solver.point_friction import PointSensitivity
 
-                points = PointSensitivity(model, stress, self.targets, forms.earlier)
+                points = PointSensitivity(model, stress, self.targets, others)
             self._compiled[id(model)] = model, forms, points
         return self._compiled[id(model)]
 
@@ -163,9 +172,9 @@ class TangentLinear:
             self._solver.tangent()
         action = self._problem.stiffness_along(self._virtual)
         own, force = len(action), np.zeros(len(self.targets))
-        virtual, self._stresses = self._virtual[:own], []
+        virtual, now, self._stresses = self._virtual[:own], self._directions.now, []
         for k in range(len(self.targets)):
-            self._set_earlier(forms, k)
+            self._directions.set(k, self._states)
             self._assemble(forms, k)
             if points:
                 points.add_force(k, self._b)
@@ -173,9 +182,9 @@ class TangentLinear:
             force[k] = virtual @ self._b.array_r
             fem_petsc.set_bc(self._b, problem.constraints.bcs, alpha=0.0)
             linear.solve(self._b, self._x, ACCURACY)
-            forms.now.x.array[:own] = -self._x.array_r
-            forms.now.x.scatter_forward()
-            self._now[k] = forms.now.x.array
+            now.x.array[:own] = -self._x.array_r
+            now.x.scatter_forward()
+            self._now[k] = now.x.array
             force[k] -= action @ self._x.array_r
             if points and self._stage < 1:
                 self._stresses.append(points.stress(k, -self._x.array_r))
@@ -193,7 +202,7 @@ class TangentLinear:
         action = self._problem.stiffness_along(self._virtual)
         own, force = len(action), np.zeros(len(self.targets))
         for k in range(len(self.targets)):
-            self._set_earlier(forms, k)
+            self._directions.set(k, self._states)
             self._assemble(forms, k)
             if points:
                 points.add_force_of(self._stresses[k], self._b)
@@ -201,15 +210,16 @@ class TangentLinear:
             force[k] = self._virtual[:own] @ self._b.array_r + action @ self._now[k][:own]
         return self._sum(force)
 
-    def _set_earlier(self, forms: SensitivityForms, k: int) -> None:
-        for field, states in zip(forms.earlier, self._states, strict=False):
-            field.x.array[:] = states[k]
+    def _set(self, k: int) -> None:
+        """Set the changes of all states by a parameter."""
+        self._directions.set(k, self._states)
+        self._directions.now.x.array[:] = self._now[k]
 
-    def _assemble(self, forms: SensitivityForms, k: int) -> None:
+    def _assemble(self, forms: dict[str, Sum], k: int) -> None:
         """Put the derivative of the residual for fixed present state into the vector."""
         with self._b.localForm() as local:
             local.set(0.0)
-        for form in (*forms.residual[k], *forms.residual_along):
+        for form in (*forms[f"residual {k}"], *forms["residual along"]):
             fem_petsc.assemble_vector(self._b, form)
 
     def _dissipated(self, step: float, jump: bool) -> Array:
@@ -220,10 +230,9 @@ class TangentLinear:
         _, forms, _ = self._forms()
         power, loss = np.zeros((2, len(self.targets)))
         for k in range(len(self.targets)):
-            self._set_earlier(forms, k)
-            forms.now.x.array[:] = self._now[k]
-            power[k] = self._value((*forms.power[k], *forms.power_along))
-            loss[k] = self._value((*forms.loss[k], *forms.loss_along)) / self._stage
+            self._set(k)
+            power[k] = self._value((*forms[f"power {k}"], *forms["power along"]))
+            loss[k] = self._value((*forms[f"loss {k}"], *forms["loss along"])) / self._stage
         trapezoidal = self._stage == 1 and not jump
         mean = (self._power + power) / 2 if trapezoidal else power
         self._power = power
@@ -240,29 +249,49 @@ class TargetError(Exception):
     """No effect of the scene has a parameter of that name."""
 
 
-@dataclass(frozen=True)
-class SensitivityForms:
-    """The forms of tangent-linear equations; each is empty where nothing depends on it.
+class Directions:
+    """Fields along which what a model depends on changes, by one parameter at a time.
 
     Attributes:
-        targets: The parameters.
-        now, earlier: Fields along which the present and the earlier states change, m.
-        residual: For each parameter, linear forms of the derivative of the residual.
-        residual_along: Its change along ``earlier``.
-        power: For each parameter, scalar forms of the derivative of the dissipated power.
-        power_along: Its change along ``now`` and ``earlier``.
-        loss, loss_along: The same of the energy that set-valued laws dissipate in the step.
+        now: Change of the present state, m.
+        others: All else that states leave behind, each with the field along which it changes.
     """
 
-    targets: tuple[Target, ...]
-    now: fem.Function
-    earlier: tuple[fem.Function, ...]
-    residual: tuple[Sum, ...]
-    residual_along: Sum
-    power: tuple[Sum, ...]
-    power_along: Sum
-    loss: tuple[Sum, ...]
-    loss_along: Sum
+    def __init__(self, model: Model, targets: Sequence[Target]) -> None:
+        """Compile how internal variables change; collective.
+
+        Args:
+            model: The model.
+            targets: The parameters.
+        """
+        space, memory = model.space, model.memory
+        self.now, earlier = fem.Function(space), [fem.Function(space) for _ in model.history]
+        self._earlier, self._variables = earlier, []
+        self.others = list(zip(model.history, earlier, strict=True))
+        if memory:
+            self._earlier = earlier or [fem.Function(space)]
+            self.others.append((memory.before, self._earlier[0]))
+            self._variables = [VariableSlopes(v, len(targets)) for v in memory.variables]
+            self.others += [pair for v in self._variables for pair in v.pairs]
+            for variables in self._variables:
+                variables.compile(memory, [(model.field, self.now), *self.others], targets)
+
+    def set(self, target: int, states: Sequence[Array]) -> None:
+        """Set all but the change of the present state.
+
+        Args:
+            target: Number of the parameter.
+            states: Changes of the earlier states by each parameter, latest first.
+        """
+        for field, values in zip(self._earlier, states, strict=False):
+            field.x.array[:] = values[target]
+        for variables in self._variables:
+            variables.set(target)
+
+    def update(self, target: int) -> None:
+        """Update the derivatives of the internal variables; all changes must be set."""
+        for variables in self._variables:
+            variables.update(target)
 
 
 def require_targets(model: Model, targets: Sequence[Target]) -> None:
@@ -272,56 +301,68 @@ def require_targets(model: Model, targets: Sequence[Target]) -> None:
         TargetError: If one is not.
     """
     terms = (*model.balance.terms, *(f.term for f in model.point_frictions))
-    known = {(t.effect.name, name) for t in terms for name in t.values}
+    known = {(t.effect.name, p.name) for t in terms for p in t.effect.parameters}
     for target in targets:
         if (target.effect, target.parameter) not in known:
             names = ", ".join(sorted(f"{e}.{p}" for e, p in known))
             raise TargetError(f"{target} is no parameter of this scene; it has {names}")
 
 
-def sensitivity_forms(model: Model, targets: Sequence[Target]) -> SensitivityForms:
-    """Return the compiled forms; collective.
+def sensitivity_forms(
+    model: Model, targets: Sequence[Target], directions: Directions
+) -> dict[str, Sum]:
+    """Return the compiled forms of tangent-linear equations; collective.
+
+    They are derivatives of the ``residual``, of the dissipated ``power``, and of the ``loss`` in
+    the step that depends on no rate: by each parameter for fixed states (``residual 0``), and
+    along the fields (``residual along``). Those of the residual are for a fixed present state.
 
     Args:
         model: As it is solved. The stress of its point frictions is held fixed here.
         targets: The parameters.
+        directions: The fields along which all changes.
     """
-    at_points = {f.term.effect.name for f in model.point_frictions}
-    smooth = tuple(t for t in model.balance.terms if t.effect.name not in at_points)
-    balance = replace(model.balance, terms=smooth)
-    whole = model.balance  # the power is that of the laws, smooth or not
-    space = model.space
-    now, earlier = fem.Function(space), tuple(fem.Function(space) for _ in model.history)
-    test = ufl.TestFunction(space)
-    set_valued = [f for f in model.point_frictions if f.term.effect.set_valued]
+    at_points = {f.term.effect.name: f for f in model.point_frictions}
+    balance, test = model.balance, ufl.TestFunction(model.space)
+    smooth = [t for t in balance.terms if t.effect.name not in at_points]
+    lasting = [t for t in smooth if t.effect.dissipation or t.effect.memory]
+    rated = [t for t in balance.terms if t.effect.dissipation]  # the power is that of the laws
+    losing = [f.term for f in model.point_frictions if f.term.effect.set_valued]
+    losing += [t for t in balance.terms if t.effect.releases]
+    everything = [(model.field, directions.now), *directions.others]
+
+    def loss(term: Term) -> Any:
+        if term.effect.set_valued:
+            return replace(at_points[term.effect.name], term=term).loss()
+        assert model.memory is not None
+        return model.memory.released(term)
+
+    def residual(term: Term) -> Any:
+        return balance.alone(term).residual(test)
+
+    def power(term: Term) -> Any:
+        return balance.alone(term).power()
+
+    def on_lines(family: int, term: Term) -> Any:
+        part = model.placements.families[family]
+        lines = balance.alone(term).lines(family, fem.Function(part, model.field.x))
+        return sum(line.residual(ufl.TestFunction(part)) for line in lines) if lines else None
+
     sums: dict[str, list[Any]] = {
-        "residual along": [balance.residual_along(earlier, test)] if earlier else [],
-        "power along": [whole.power_along(now, earlier)],
-        "loss along": [f.loss_along(now, earlier) for f in set_valued],
+        "residual along": [sum(along_fields(residual(t), directions.others) for t in lasting)],
+        "power along": [sum(along_fields(power(t), everything) for t in rated)],
+        "loss along": [along_fields(loss(t), everything) for t in losing],
     }
     for i, target in enumerate(targets):
-        lines = [
-            balance.lines_residual_by(
-                target, family, fem.Function(part, model.field.x), ufl.TestFunction(part)
-            )
-            for family, part in enumerate(model.placements.families)
-        ]
-        sums[f"residual {i}"] = [balance.residual_by(target, test), *lines]
-        sums[f"power {i}"] = [whole.power_by(target)]
-        sums[f"loss {i}"] = [f.loss_by(target) for f in set_valued]
+        lines = [by_parameter(target, smooth, partial(on_lines, family)) for family in (0, 1)]
+        sums[f"residual {i}"] = [by_parameter(target, smooth, residual), *lines]
+        sums[f"power {i}"] = [by_parameter(target, rated, power)]
+        sums[f"loss {i}"] = [by_parameter(target, losing, loss)]
     present = {
-        name: [f for f in forms if f is not None and not _vanishes(f)]
+        name: [f for f in forms if isinstance(f, ufl.Form) and not _vanishes(f)]
         for name, forms in sums.items()
     }
-    compiled = compile_sums(present, model.comm)
-
-    def each(name: str) -> tuple[Sum, ...]:
-        return tuple(compiled[f"{name} {i}"] for i in range(len(targets)))
-
-    return SensitivityForms(
-        tuple(targets), now, earlier, each("residual"), compiled["residual along"],
-        each("power"), compiled["power along"], each("loss"), compiled["loss along"],
-    )  # fmt: skip
+    return compile_sums(present, model.comm)
 
 
 def _vanishes(form: Any) -> bool:

@@ -10,12 +10,12 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
-from wovenfab.model.snapshot import attributes, take_attributes
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Program
-from wovenfab.stepping.schemes import Scheme, end_weights, extrapolation
+from wovenfab.stepping.schemes import Scheme, extrapolation
 from wovenfab.stepping.step import StartFailedError
 
 if TYPE_CHECKING:
@@ -27,7 +27,8 @@ KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
 #: What a later step depends on.
-MEMORY = "time", "number", "states", "steps", "displacements", "before"
+MEMORY = "time", "number", "states", "steps", "at_rest", "displacements", "before"
+VARIABLES = "variables"
 
 
 class State:
@@ -42,6 +43,7 @@ class State:
         reached: That at the end of the step that is attempted, m.
         before: Displacement (m) or force (N) when the program last changed between the two.
         force_control: Finds the displacement where the program prescribes a force.
+        at_rest: Whether the motion began smoothly from rest and its velocity never jumped.
     """
 
     def __init__(
@@ -57,10 +59,14 @@ class State:
         """
         self._solver, self._model = solver, solver.problem.model
         self._program, self._scheme, self._predicts = program, scheme, predict
+        self._memory = self._model.memory
+        if self._memory:
+            self._memory.start(scheme.stage)
         self.initial_guess: Callable[[float], Array | None] = lambda time: None
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
+        self.at_rest = True
         first = program.milestones[0]
         start = 0.0 if program.prescribes_force(first.time) else first.value
         self.displacements = [start] * KEPT
@@ -77,12 +83,15 @@ class State:
         self.states = [self._model.field.x.array.copy() for _ in self.states]
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the accepted states and when they were."""
-        return attributes(self, *MEMORY)
+        """Return the accepted states and when they were, and internal variables."""
+        variables = self._memory.snapshot() if self._memory else {}
+        return {**attributes(self, *MEMORY), VARIABLES: variables}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from the states of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
+        if self._memory:
+            self._memory.resume(snapshot[VARIABLES])
         self._model.field.x.array[:] = self.states[0]
 
     def attempt(self, until: float, jump: bool) -> SolveResult:
@@ -94,7 +103,9 @@ class State:
         """
         program, step = self._program, until - self.time
         if self._model.rate_weights:
-            self._set_rate(self._scheme.weights(step, self._step_before(step, jump)))
+            self._set_rate(self._scheme.weights(self.lengths(step, jump)))
+        if self._memory:
+            self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
         extrapolated = self._predict(until, self._scheme.stage * step, jump)
         if not program.prescribes_force(until):
@@ -131,7 +142,7 @@ class State:
             step = until - self.time
             field[:] = self.states[0] + change
             if model.rate_weights:
-                self._set_rate(end_weights(step, self._step_before(step, jump) or step))
+                self._set_rate(scheme.weights_at_end(self.lengths(step, jump)))
             model.loading.set(self.reached)
         return change
 
@@ -143,9 +154,12 @@ class State:
             jump: The velocity jumped at its start.
         """
         self._solver.accept()
+        if self._memory:
+            self._memory.accept()
         self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
         self.displacements = [self.reached, *self.displacements[: KEPT - 1]]
         self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
+        self.at_rest &= not jump
         self.time = until
         self.number += 1
 
@@ -154,11 +168,18 @@ class State:
         self._model.field.x.array[:] = self.states[0]
         self._solver.restore()
 
-    def _step_before(self, step: float, jump: bool) -> float | None:
-        """Return the length of the last step; at rest before the start, so as if equal."""
-        if jump:
-            return None
-        return self.steps[0] if self.steps else step
+    def lengths(self, step: float, jump: bool) -> list[float]:
+        """Return the lengths of a step and of those before it that its rate may look back over.
+
+        What rested before the start did so in steps of any length.
+
+        Args:
+            step: Length of the step, s.
+            jump: The velocity jumps at its start.
+        """
+        known = [step] if jump else [step, *self.steps]
+        rest = KEPT - len(known) if self.at_rest and not jump else 0
+        return [*known, *(known[-1] for _ in range(rest))]
 
     def _set_rate(self, weights: tuple[float, ...]) -> None:
         for constant, weight in zip(self._model.rate_weights, weights, strict=True):

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 from math import ceil, inf
 from typing import TYPE_CHECKING, Any
 
-from wovenfab.model.snapshot import attributes, take_attributes
+from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.program import Milestone
 from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
     from wovenfab.solver.diagnosis import Diagnosis
-    from wovenfab.stepping.schemes import StepError
     from wovenfab.stepping.sensitivity import Derivatives
+    from wovenfab.stepping.time_error import StepError
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, Unsou
 
 if TYPE_CHECKING:
     from forms.effect import Target
-    from wovenfab.stepping.schemes import StepError, TimeErrorEstimator
     from wovenfab.stepping.sensitivity import TangentLinear
+    from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 
 logger = logging.getLogger(__name__)
 
@@ -55,17 +55,17 @@ class TimeStepper:
             step_size: Returns the step size control for a smallest share.
             tolerance: Error of a step in power and force, each over its largest size so far,
                 by which steps are shortened and grown; None for planned steps. It is
-                measured for the rates of BDF2, and so without effect where there are none.
+                measured for the rates of BDF, and so without effect where there are none.
         """
         self._solver, self._problem = solver, solver.problem
         self._program, self._scheme = program, scheme
         self._smallest = smallest_step
         self._step_size = step_size(smallest_step)
         self._time_error: TimeErrorEstimator | None = None
-        if tolerance and scheme.name == "bdf2" and solver.problem.model.history:
-            from wovenfab.stepping.schemes import TimeErrorEstimator
+        if tolerance and scheme.measures_error and solver.problem.model.history:
+            from wovenfab.stepping.time_error import TimeErrorEstimator
 
-            self._time_error = TimeErrorEstimator(solver, tolerance)
+            self._time_error = TimeErrorEstimator(solver, scheme, tolerance)
         self._stability = Stability(solver, treatment)
         self._state = State(solver, program, scheme, predict)
         self._balance = EnergyBalance(solver, scheme)
@@ -278,11 +278,9 @@ class TimeStepper:
     def _estimate_error(self, until: float, jump: bool) -> StepError | None:
         """Return the error of the step that was just solved, where enough states are there."""
         state = self._state
-        if self._time_error is None or jump or len(state.steps) < 2:
+        if self._time_error is None or jump:
             return None
-        step = until - state.time
-        weights = self._scheme.weights(step, state.steps[0])
-        return self._time_error.measure(state.states, state.steps, step, weights)
+        return self._time_error.measure(state.states, [until - state.time, *state.steps])
 
     def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
         """Set the length of the next step, and return whether this one must be repeated."""

@@ -65,12 +65,7 @@ class Cost:
 
 
 def measure(case: Case, sheet: Sheet) -> Cost:
-    """Run a case from an empty kernel cache and return its cost; collective.
-
-    Args:
-        case: The case.
-        sheet: Its meshed sheet, or that of a case with which it is compared.
-    """
+    """Run a case on a meshed sheet from an empty kernel cache and return its cost; collective."""
     with ExitStack() as stack:
         with _empty_cache(sheet.mesh.comm):
             start = time.perf_counter()
@@ -159,13 +154,7 @@ def with_effects(case: Case, names: Sequence[str]) -> Case:
 
 
 def study(case: Case, comm: MPI.Comm, report: Callable[[Row], None]) -> list[Row]:
-    """Measure all scenes of a case one after the other; collective.
-
-    Args:
-        case: The case.
-        comm: The ranks that compute.
-        report: Called with each row.
-    """
+    """Measure all scenes of a case one after the other, and report each row; collective."""
     sheet = sheet_of(case, comm)  # one mesh for all, so that only the effects differ
     rows: dict[frozenset[str], Row] = {}
     for scene, names in _scenes(case):
@@ -218,9 +207,8 @@ def line(row: Row) -> str:
 def write_table(rows: Sequence[Row], path: Path) -> None:
     """Write the table in SI units."""
     empty = dict.fromkeys(f.name for f in fields(Cost))
-    costs = [asdict(row.cost) if row.cost else empty for row in rows]
-    pairs = zip(rows, costs, strict=True)
-    write_csv(path, [{"scene": r.scene, **cost, "refused": r.refused} for r, cost in pairs])
+    costs = ((row, asdict(row.cost) if row.cost else empty) for row in rows)
+    write_csv(path, [{"scene": r.scene, **cost, "refused": r.refused} for r, cost in costs])
 
 
 #: Heading, unit and how a cost is shown in the table.
@@ -259,12 +247,6 @@ def sensitivities(
     case: Case, targets: Sequence[Target], comm: MPI.Comm, report: Callable[[Step], None]
 ) -> dict[str, list[float]]:
     """Return force, dissipated energy and their derivatives at each step; collective.
-
-    Args:
-        case: The case.
-        targets: The parameters.
-        comm: The ranks that compute.
-        report: Called with each step.
 
     Returns:
         Columns by name: ``force_N``, ``d_force/d_shear.stiffness``, ... in SI units.

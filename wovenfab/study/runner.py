@@ -15,31 +15,43 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Event
 from typing import Any
 
 import forms
 import wovenfab
 from wovenfab.case import Case, Rectangle, Table
-from wovenfab.parallel import PYTHON_PATHS, child_environment
-from wovenfab.record.results import write_whole
+from wovenfab.parallel import PYTHON_PATHS, child_environment, end_with_parent
+from wovenfab.record.results import (
+    INPUT,
+    INTERRUPTED,
+    fingerprint_of,
+    has_checkpoint,
+    is_in_use,
+    outcome_of,
+    write_whole,
+)
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *("parallel", "log", "compat", "case", "sheet"),
+    *("parallel", "compat", "case", "sheet"),
     *("model", "solver", "stepping", "record", "simulation"),
 )
-#: Seconds between two polls of the running processes.
+#: Seconds between two looks at the running processes.
 _PAUSE = 0.2
 #: Seconds from the request to end to the kill.
 _GRACE = 5.0
+#: Seconds to wait for a run of which another process is being told to end.
+_HANDOVER = 60.0
 
 
 @dataclass(frozen=True)
@@ -53,6 +65,11 @@ class Command:
         limit: Time after which it is ended, s.
         environment: More variables.
         folder: Working directory, if another.
+        results: Results directory of a ``wovenfab run``, which goes on with a run of the same
+            fingerprint that was stopped there, and replaces any other.
+        files: Contents of files by their names, to be laid into the working directory.
+        elsewhere: The command for machines that do not see the files of this one: all paths are
+            relative to its working directory, which is made for it.
     """
 
     arguments: Sequence[str]
@@ -61,6 +78,9 @@ class Command:
     limit: float = inf
     environment: Mapping[str, str] = field(default_factory=dict)
     folder: Path | None = None
+    results: Path | None = None
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    elsewhere: Command | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +93,7 @@ class Ended:
         errors: Standard error output.
         seconds: Wall time.
         failure: Why it failed: time limit, signal, or the last line of its output; empty if not.
+        files: What a command has written that was run elsewhere, by relative names.
     """
 
     code: int
@@ -80,6 +101,7 @@ class Ended:
     errors: str
     seconds: float
     failure: str = ""
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
     @property
     def result(self) -> Any:
@@ -87,11 +109,117 @@ class Ended:
         return json.loads(self.output.splitlines()[-1])
 
 
-def _ignore(*_: object) -> None:
-    """Do nothing."""
+def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
+    """Run a command and wait for its end; this thread must outlive it.
+
+    Args:
+        command: The command.
+        stopped: Asked several times a second whether it must end, with its children.
+    """
+    with TemporaryDirectory() as own:
+        folder = command.folder or (Path(own) if command.files else Path())
+        for name, content in command.files.items():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            (folder / name).write_bytes(content)
+        log = folder / command.log if command.log else None
+        output, errors = log or Path(own, "output"), Path(own, "errors")
+        more: list[str] = []
+        if command.results is not None:
+            _await(folder / command.results, stopped)
+            more = ["--resume" if goes_on(command, folder) else "--overwrite"]
+        started = time.monotonic()
+        with output.open("wb") as out, errors.open("wb") as err:
+            process = subprocess.Popen(
+                [*_launcher(command.ranks), sys.executable, *command.arguments, *more],
+                env=_environment(command),
+                cwd=folder,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT if log else err,
+                start_new_session=True,
+                preexec_fn=end_with_parent,
+            )
+        late = False
+        while process.poll() is None and not late:
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(_PAUSE)
+            late = time.monotonic() - started > command.limit
+            if late or stopped():
+                _end(process)
+        code, texts = process.wait(), (_text(output), _text(errors))
+        failure = f"no end within {command.limit:g} s" if late else _failure(code, *texts)
+        return Ended(code, *texts, time.monotonic() - started, failure)
 
 
-def execute(command: Command, progress: Callable[[float], None] = _ignore) -> Ended:
+def _launcher(ranks: int) -> list[str]:
+    return ["mpirun", "-n", str(ranks)] if ranks > 1 else []
+
+
+def _environment(command: Command) -> dict[str, str]:
+    environment = child_environment()
+    if command.ranks > 1:  # mpirun needs its variables, and stays on this machine
+        kept = {n: v for n, v in os.environ.items() if not n.startswith("SLURM_")}
+        environment = {**kept, **{n: environment[n] for n in PYTHON_PATHS}}
+    return {"OMP_NUM_THREADS": "1"} | environment | dict(command.environment)
+
+
+def _await(results: Path, stopped: Callable[[], bool]) -> None:
+    """Wait until nobody writes into a results directory any more."""
+    until = time.monotonic() + _HANDOVER
+    while is_in_use(results) and time.monotonic() < until and not stopped():
+        time.sleep(_PAUSE)
+
+
+def goes_on(command: Command, folder: Path = Path()) -> bool:
+    """Return whether a run of a command has been stopped and can go on.
+
+    Args:
+        command: The command, which has results.
+        folder: Working directory.
+    """
+    results = folder / (command.results or "")
+    outcome = outcome_of(results) or INTERRUPTED
+    stopped = outcome.startswith(INTERRUPTED) and has_checkpoint(results)
+    return stopped and fingerprint_of(results) == command.environment.get(INPUT)
+
+
+def _text(path: Path) -> str:
+    return path.read_text(errors="replace") if path.is_file() else ""
+
+
+def _failure(code: int, output: str, errors: str) -> str:
+    if code <= 0:
+        return f"killed by signal {-code}" if code else ""
+    lines = [line for line in (errors.strip() or output.strip()).splitlines() if line]
+    return lines[-1] if lines else f"exit code {code}"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    """End a process with its children: first by request, then by force."""
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, number)
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_GRACE)
+
+
+#: Begins to run a command, and returns how it ends.
+Submit = Callable[[Command], "Future[Ended]"]
+
+
+@contextmanager
+def here(jobs: int) -> Iterator[Submit]:
+    """Yield what runs commands on this machine, so many at a time; at the end none is left."""
+    leaving = Event()
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            yield lambda command: pool.submit(run, command, leaving.is_set)
+        finally:
+            leaving.set()
+            pool.shutdown(cancel_futures=True)
+
+
+def execute(command: Command, progress: Callable[[float], None] = lambda _: None) -> Ended:
     """Run a command; report the wall time (s) several times a second.
 
     Raises:
@@ -101,6 +229,7 @@ def execute(command: Command, progress: Callable[[float], None] = _ignore) -> En
     started = time.monotonic()
     execute_all(
         [command],
+        here(1),
         on_end=lambda _, ended: results.append(ended),
         on_wait=lambda: progress(time.monotonic() - started),
     )
@@ -109,106 +238,28 @@ def execute(command: Command, progress: Callable[[float], None] = _ignore) -> En
 
 def execute_all(
     commands: Sequence[Command],
-    jobs: int = 1,
-    on_start: Callable[[int], None] = _ignore,
-    on_end: Callable[[int, Ended], None] = _ignore,
-    on_wait: Callable[[], None] = _ignore,
+    place: AbstractContextManager[Submit],
+    on_end: Callable[[int, Ended], None],
+    on_wait: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run commands in their order, so many at a time.
+    """Run commands, begun in their order.
 
-    ``on_start`` and ``on_end`` get the index of a command; ``on_wait`` is called several times a
-    second. Whatever ends this function ends the processes, too, with their children.
+    ``on_end`` gets the index of a command and how it ended; ``on_wait`` is called several times
+    a second. Whatever ends this function ends the processes, too, with their children.
 
     Raises:
         KeyboardInterrupt: This process was told to end.
     """
-    waiting = list(range(len(commands)))
-    running: dict[int, _Process] = {}
-    with _signals() as received:
-        try:
-            while waiting or running:
-                if received:
-                    raise KeyboardInterrupt
-                while waiting and len(running) < jobs:
-                    index = waiting.pop(0)
-                    on_start(index)
-                    running[index] = _Process(commands[index])
-                next(iter(running.values())).wait(_PAUSE)
-                on_wait()
-                for index, process in list(running.items()):
-                    if (ended := process.poll()) is not None:
-                        del running[index]
-                        on_end(index, ended)
-        finally:
-            _end(running.values())
-
-
-class _Process:
-    """A running command, the leader of a process group with its compilers or ranks."""
-
-    def __init__(self, command: Command) -> None:
-        """Start it."""
-        launcher = ["mpirun", "-n", str(command.ranks)] if command.ranks > 1 else []
-        environment = child_environment()
-        if launcher:  # which needs its variables
-            environment = {**os.environ, **{n: environment[n] for n in PYTHON_PATHS}}
-        self._folder = TemporaryDirectory()
-        self._output = command.log or Path(self._folder.name) / "output"
-        self._errors = self._output.with_suffix(".errors")
-        self._limit, self._started = command.limit, time.monotonic()
-        with ExitStack() as stack:
-            output = stack.enter_context(self._output.open("wb"))
-            errors = None if command.log else stack.enter_context(self._errors.open("wb"))
-            self.process = subprocess.Popen(
-                [*launcher, sys.executable, *command.arguments],
-                env={"OMP_NUM_THREADS": "1"} | environment | dict(command.environment),
-                cwd=command.folder,
-                stdin=subprocess.DEVNULL,
-                stdout=output,
-                stderr=errors or subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    def wait(self, seconds: float) -> None:
-        """Wait for its end, but no longer than so many seconds."""
-        with suppress(subprocess.TimeoutExpired):
-            self.process.wait(seconds)
-
-    def poll(self) -> Ended | None:
-        """Return how it ended, or None; end it if its time is over."""
-        seconds, limit = time.monotonic() - self._started, self._limit
-        if self.process.poll() is None:
-            if seconds < limit:
-                return None
-            _end([self])
-            return self._ended(seconds, f"no end within {limit:g} s")
-        code = self.process.returncode
-        return self._ended(seconds, f"killed by signal {-code}" if code < 0 else "")
-
-    def _ended(self, seconds: float, failure: str) -> Ended:
-        code = self.process.wait()
-        output, errors = _text(self._output), _text(self._errors)
-        self._folder.cleanup()
-        if code and not failure:
-            lines = [line for line in (errors.strip() or output.strip()).splitlines() if line]
-            failure = lines[-1] if lines else f"exit code {code}"
-        return Ended(code, output, errors, seconds, failure)
-
-
-def _text(path: Path) -> str:
-    return path.read_text(errors="replace") if path.is_file() else ""
-
-
-def _end(processes: Iterable[_Process]) -> None:
-    """End processes with their children: first by request, then by force."""
-    remaining = list(processes)
-    for number in (signal.SIGTERM, signal.SIGKILL):
-        for one in remaining:
-            with suppress(ProcessLookupError):
-                os.killpg(one.process.pid, number)
-        until = time.monotonic() + _GRACE
-        while time.monotonic() < until and any(one.process.poll() is None for one in remaining):
-            time.sleep(0.05)
+    with _signals() as received, place as submit:
+        numbers = {submit(command): i for i, command in enumerate(commands)}
+        waiting = set(numbers)
+        while waiting:
+            ended, waiting = wait(waiting, _PAUSE, FIRST_COMPLETED)
+            if received:
+                raise KeyboardInterrupt
+            on_wait()
+            for future in ended:
+                on_end(numbers[future], future.result())
 
 
 @contextmanager
@@ -255,7 +306,7 @@ def fingerprint(case: Case, *sources: Path) -> str:
 
     Python files and folders in ``sources`` count, too.
     """
-    parts = [case.to_yaml(), *map(_content, _files_of(case)), code(*sources)]
+    parts = [case.to_yaml(), *map(_content, case_files(case)), code(*sources)]
     return _digest("\0".join(parts))
 
 
@@ -290,7 +341,7 @@ def _is_text(statement: ast.AST) -> bool:
     return isinstance(value, ast.Constant) and isinstance(value.value, str)
 
 
-def _files_of(case: Case) -> list[Path]:
+def case_files(case: Case) -> list[Path]:
     """Return the files that a case names."""
     named = [e.file for e in case.scene if e.file is not None]
     named += [segment.samples.file for segment in case.program if isinstance(segment, Table)]

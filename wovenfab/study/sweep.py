@@ -10,19 +10,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Segment, Table, read_case, refusal
+from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
 from wovenfab.record.history import HISTORY
-from wovenfab.record.results import (
-    FINGERPRINT,
-    FINISHED,
-    INPUT,
-    INTERRUPTED,
-    has_checkpoint,
-    markdown,
-    outcome_of,
-    write_csv,
-)
+from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
+from wovenfab.study.cluster import Cluster, command_of, take
 from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
 from wovenfab.study.variations import OVER, Variation
 
@@ -50,7 +42,7 @@ class Member:
     @property
     def steps(self) -> int:
         """Number of planned load steps."""
-        return sum(_steps(segment, self.case) for segment in self.case.program)
+        return self.case.planned_steps
 
     @property
     def weight(self) -> float:
@@ -99,15 +91,6 @@ def _member(case: Case, variation: Variation) -> Member:
     return Member(variation.label(), varied, variation)
 
 
-def _steps(segment: Segment, case: Case) -> int:
-    match segment:
-        case Cycles(amplitudes=amplitudes):
-            return len(amplitudes) * case.time.steps_per_cycle
-        case Table(samples=samples):
-            return len(samples.times) - (samples.times[0] == 0)
-    return segment.steps
-
-
 State = Literal["waiting", "running", "unchanged", "finished", "failed"]
 
 
@@ -139,7 +122,12 @@ class Run:
     @property
     def ended(self) -> bool:
         """Whether nothing more is to be done."""
-        return self.state not in ("waiting", "running")
+        return self.state != "waiting"
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether a run of this very input has written into its directory."""
+        return fingerprint_of(self.directory) == self.fingerprint
 
     @property
     def has_results(self) -> bool:
@@ -149,7 +137,7 @@ class Run:
     @property
     def done(self) -> float:
         """Share of its steps that are done."""
-        if self.state != "running":
+        if self.ended or not self.has_begun:
             return float(self.ended)
         try:
             rows = (self.directory / HISTORY).read_bytes().count(b"\n") - 2
@@ -157,37 +145,17 @@ class Run:
             return 0.0
         return min(max(rows, 0) / max(self.member.steps, 1), 1.0)
 
-    @property
-    def command(self) -> Command:
-        """The command that makes the results."""
-        case = self.member.case
-        arguments = ["-m", "wovenfab", "run", str(case.path), "-o", str(self.directory)]
-        overrides = [word for text in case.overrides for word in ("--set", text)]
-        way = "--resume" if self.was_stopped() else "--overwrite"
-        return Command(
-            [*arguments, way, *overrides], log=self.log, environment={INPUT: self.fingerprint}
+    def command(self, cluster: Cluster) -> Command:
+        """Return the command that makes the results, or goes on with them."""
+        sent = not cluster.is_local
+        return command_of(
+            self.member.case, self.directory, self.log, self.fingerprint, cluster.ranks, sent
         )
 
-    def is_unchanged(self) -> bool:
-        """Return whether its results are there already."""
-        return self._has_same_input() and outcome_of(self.directory) == FINISHED
-
-    def was_stopped(self) -> bool:
-        """Return whether it was killed or interrupted, and can go on."""
-        outcome = outcome_of(self.directory) or INTERRUPTED
-        stopped = outcome.startswith(INTERRUPTED) and has_checkpoint(self.directory)
-        return stopped and self._has_same_input()
-
-    def _has_same_input(self) -> bool:
-        try:
-            text = (self.directory / FINGERPRINT).read_text(encoding="utf-8").strip()
-        except OSError:
-            return False
-        return text == self.fingerprint
-
     def finish(self, ended: Ended) -> None:
-        """Note how it ended."""
-        self.state, self.problem = ("failed" if ended.code else "finished"), ended.failure
+        """Note how it ended, and take what it has written on another machine."""
+        take(ended, self.member.case, self.directory, self.log)
+        self.state, self.problem = ("failed" if ended.failure else "finished"), ended.failure
         self.seconds = ended.seconds
 
 
@@ -198,10 +166,12 @@ class Sweep:
     Attributes:
         runs: In the order of the members.
         started: When it started, s of the monotonic clock.
+        before: Share of the work that was done then.
     """
 
     runs: list[Run]
     started: float = field(default_factory=time.monotonic)
+    before: float = 0.0
 
     @property
     def share(self) -> float:
@@ -214,48 +184,47 @@ class Sweep:
     def left(self) -> float | None:
         """Seconds that are left, or None as long as there is no estimate."""
         share = self.share
-        return (time.monotonic() - self.started) * (1 - share) / share if share > 0.01 else None
+        speed = (share - self.before) / (time.monotonic() - self.started)
+        return (1 - share) / speed if share - self.before > 0.01 else None
 
 
 def sweep(
     members: Sequence[Member],
     directory: Path,
-    jobs: int,
+    cluster: Cluster,
     report: Callable[[Sweep, Run | None], None],
 ) -> list[Run]:
-    """Run all members whose results are not there yet, ``jobs`` at a time.
+    """Run all members whose results are not there yet, side by side.
 
-    Each runs on one processor: side by side they need less time than one after the other on
-    several. After an interruption the next sweep uses what has finished.
+    On one machine each runs on one processor: side by side they need less time than one after the
+    other on several. After an interruption the next sweep uses what has finished.
 
     Args:
         members: What to run.
         directory: Where each gets a results directory and a log of its name.
-        jobs: Number of processes.
+        cluster: Where they are run.
         report: Called with each run that ended, and with None while all go on.
 
     Raises:
+        CaseError: There is no such cluster.
         KeyboardInterrupt: This process was told to end.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     runs = [Run(m, directory / m.name, fingerprint(m.case)) for m in members]
     state = Sweep(runs)
     for run in runs:
-        if run.is_unchanged():
+        if run.has_begun and outcome_of(run.directory) == FINISHED:
             run.state = "unchanged"
             report(state, run)
+    state.before = state.share
     # the longest first, so that no processor is idle in the end
     waiting = sorted((r for r in runs if not r.ended), key=lambda r: -r.member.weight)
-
-    def start(index: int) -> None:
-        waiting[index].state = "running"
 
     def end(index: int, ended: Ended) -> None:
         waiting[index].finish(ended)
         report(state, waiting[index])
 
-    commands = [run.command for run in waiting]
-    execute_all(commands, jobs, start, end, lambda: report(state, None))
+    commands = [run.command(cluster) for run in waiting]
+    execute_all(commands, cluster.open(directory), end, lambda: report(state, None))
     return runs
 
 

@@ -13,21 +13,16 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
-from wovenfab.case import (
-    OVERRIDE,
-    CaseError,
+from wovenfab.case.document import (
     Document,
-    OneOr,
     Place,
-    Problem,
-    Section,
     existing_file,
     folder_of,
     parse_document,
-    problems_in,
     read_document,
-    refusal,
 )
+from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
+from wovenfab.case.quantities import OneOr, Section
 
 #: ``Problem.file`` of what the command line varies.
 OVER = "--over"

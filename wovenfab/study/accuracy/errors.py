@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from math import exp, expm1, inf, isfinite, log
 
 from scipy.optimize import brentq
@@ -67,10 +66,7 @@ def best_of(refinements: Sequence[Refinement]) -> Best:
     The error is what Richardson's extrapolation of the method's own three finest values
     says, and more if the next best method, by an independent discretisation, is farther
     away than that one's own error explains. A method that approaches from one side explains
-    nothing on the side it comes from.
-
-    Args:
-        refinements: One a method, none empty.
+    nothing on the side it comes from. There is one refinement a method, none of them empty.
     """
     ranked = sorted(refinements, key=own_error)
     first = ranked[0]
@@ -136,15 +132,6 @@ def order_of(sizes: Sequence[float], values: Sequence[float]) -> float | None:
         return None
     order = brentq(excess, LEAST_ORDER, MOST_ORDER, xtol=1e-6)
     return float(order)
-
-
-def orders_towards(limit: float, refinement: Refinement) -> list[float | None]:
-    """Return the order between neighbours of a refinement, from their distances to the limit."""
-    orders: list[float | None] = []
-    points = list(zip(refinement.sizes, (abs(v - limit) for v in refinement.values), strict=True))
-    for (h0, e0), (h1, e1) in pairwise(points):
-        orders.append(log(e0 / e1) / log(h0 / h1) if e0 > 0 and e1 > 0 else None)
-    return orders
 
 
 def worst(errors: Mapping[str, float]) -> float:

@@ -28,9 +28,13 @@ from wovenfab.model.model import Model
 from wovenfab.record.results import has_checkpoint
 from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.progress import InterruptedRunError, Interruption, peak_memory
+from wovenfab.simulation.progress import (
+    InterruptedRunError,
+    Interruption,
+    Stopwatch,
+    peak_memory,
+)
 from wovenfab.simulation.response import interpolated_peak_force
-from wovenfab.simulation.run import EFFORT
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 from wovenfab.study.accuracy.settings import Setting
@@ -94,7 +98,7 @@ class Recorded:
         rms: Root mean square of beta there (m).
         seconds: Time of all steps.
         memory: Largest memory, bytes.
-        effort: Counts of the outcome so far.
+        effort: That of the outcome so far.
     """
 
     times: list[float] = field(default_factory=list)
@@ -113,8 +117,6 @@ class Recorded:
         self.forces.append(step.force)
         self.kinks.append(step.milestone is not None and step.milestone.jump)
         self.dissipated = sum(step.dissipated.values()) if step.dissipated else None
-        counts = asdict(Outcome(**self.effort).after(step))
-        self.effort = {name: counts[name] for name in EFFORT}
 
     def values(self, cycles: int) -> dict[str, float]:
         """Return the values of :class:`Measured` that the run has."""
@@ -145,38 +147,36 @@ def measure(case: Case, folder: Path | None = None) -> Measured:
         setup = time.perf_counter() - start
         if folder is not None and _kernels() != before:
             return Measured(compile=setup)
-        so_far, paused = Recorded(), 0.0
+        so_far, watch = Recorded(), Stopwatch()
 
         def look(step: Step) -> None:
-            nonlocal paused
             so_far.add(step)
-            moment = time.perf_counter()
             if slip.is_defined and abs(step.displacement) > so_far.farthest:
                 so_far.farthest, so_far.rms = abs(step.displacement), slip()
             if checkpoints is not None:
                 checkpoints(step)
-            paused += time.perf_counter() - moment
 
         def known() -> Recorded:
-            seconds = so_far.seconds + time.perf_counter() - start - paused
-            return replace(so_far, seconds=seconds, memory=max(so_far.memory, peak_memory()))
-
-        def state() -> dict[str, Any]:
-            return {"measured": asdict(known())}
+            return replace(
+                so_far,
+                seconds=so_far.seconds + sum(watch.seconds.values()),
+                memory=max(so_far.memory, peak_memory()),
+                effort=simulation.outcome.effort,
+            )
 
         checkpoints: Checkpoints | None = None
         if folder is not None:
             folder.mkdir(parents=True, exist_ok=True)
-            checkpoints = Checkpoints(simulation, folder, state, lambda: None)
+            checkpoints = Checkpoints(
+                simulation, folder, lambda: {"measured": asdict(known())}, lambda: None
+            )
             if has_checkpoint(folder):
                 checkpoint = load_checkpoint(folder, simulation.comm)
                 simulation.resume(checkpoint)
                 so_far = Recorded(**checkpoint.values["measured"])
-        start = time.perf_counter()
+                simulation.outcome = Outcome(**so_far.effort)
         with Interruption() as interruption:
-            outcome = simulation.run(
-                look, outcome=Outcome(**so_far.effort), interruption=interruption
-            )
+            outcome = simulation.run(look, watch=watch, interruption=interruption)
         if outcome.signal:
             if checkpoints is not None:
                 checkpoints.write()
@@ -185,7 +185,7 @@ def measure(case: Case, folder: Path | None = None) -> Measured:
         return Measured(
             values=whole.values(len(simulation.program.cycles)),
             unknowns=simulation.model.unknowns,
-            **{name: getattr(outcome, name) for name in EFFORT},
+            **outcome.effort,
             setup=setup,
             stepping=whole.seconds,
             memory=whole.memory,
@@ -230,17 +230,12 @@ class StoredRuns:
     """
 
     def __init__(
-        self,
-        case: Case,
-        folder: Path,
-        progress: Callable[[float], None] = lambda seconds: None,
+        self, case: Case, folder: Path, progress: Callable[[float], None] = lambda seconds: None
     ) -> None:
         """Run nothing yet.
 
-        Args:
-            case: The case, read from a file.
-            folder: Where results are stored, a file each.
-            progress: Called several times a second during a run with its wall time, s.
+        Results are stored in the folder, a file each; ``progress`` is called several times a second
+        during a run with its wall time, s.
         """
         self._case, self._store, self._progress = case, Store(folder), progress
         self.asked = self.stored = 0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
 from math import log2
 
-from wovenfab.case import Case, CaseError, Cycles, Rectangle, Table
-from wovenfab.stepping.schemes import SCHEMES
+from wovenfab.case import Case, Rectangle
+from wovenfab.case.quantities import plain
+from wovenfab.simulation.response import with_steps
+from wovenfab.stepping.schemes import SCHEMES, Scheme
 
 #: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
 _FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
@@ -22,34 +25,13 @@ _GRADING = 1 / 4
 
 
 @dataclass(frozen=True)
-class Method:
-    """A way to discretise: one curve of a work-precision diagram.
-
-    Attributes:
-        name: In a few words.
-        overrides: Values of the case, as for :func:`wovenfab.case.read_case`.
-        order: Order in theory at best: the elements' degree, or the scheme's.
-        first_size: Mesh size of the first run, m; 0 for a method in time.
-        grading: Corner size over mesh size of the first run; 0 for none.
-        tolerance: Error of a step in the first run; 0 for planned steps.
-    """
-
-    name: str
-    overrides: tuple[str, ...]
-    order: float
-    first_size: float = 0.0
-    grading: float = 0.0
-    tolerance: float = 0.0
-
-
-@dataclass(frozen=True)
 class Setting:
     """One run of a study.
 
     Attributes:
         stage: ``space``, ``time`` or ``both``.
-        method: The method's name.
-        order: That of the method.
+        method: Name of the way to discretise: one curve of a work-precision diagram.
+        order: Order of the method in theory at best: the elements' degree, or the scheme's.
         what: The mesh size or steps that distinguish it from other runs of the method.
         mesh: Values of the case that make the mesh and the elements.
         steps: Values of the case that make the steps.
@@ -75,96 +57,72 @@ class Setting:
         return f"{self.method}, {self.what}"
 
 
-@dataclass(frozen=True)
-class Steps:
-    """Planned steps of a case, all segments multiplied by the same factor."""
-
-    case: Case
-
-    @property
-    def can_vary(self) -> bool:
-        """Whether there is a segment whose steps are not given one by one."""
-        return any(not isinstance(segment, Table) for segment in self.case.program)
-
-    def planned(self, factor: float) -> int:
-        """Return the number of planned steps."""
-        return sum(self._counts(factor))
-
-    def with_factor(self, factor: float) -> tuple[str, ...]:
-        """Return the values of the case that multiply its steps."""
-        values = []
-        for number, (segment, planned) in enumerate(
-            zip(self.case.program, self._counts(factor), strict=True)
-        ):
-            if isinstance(segment, Cycles):
-                per_cycle = planned // len(segment.amplitudes)
-                values.append(f"time.steps_per_cycle={per_cycle}")
-            elif not isinstance(segment, Table):
-                values.append(f"{self._place(number)}.steps={planned}")
-        return tuple(dict.fromkeys(values))
-
-    def _counts(self, factor: float) -> list[int]:
-        counts = []
-        for segment in self.case.program:
-            if isinstance(segment, Cycles):
-                per_cycle = max(2 * round(factor * self.case.time.steps_per_cycle / 2), 4)
-                counts.append(len(segment.amplitudes) * per_cycle)
-            elif isinstance(segment, Table):
-                counts.append(len(segment.samples.times))
-            else:
-                counts.append(max(round(factor * segment.steps), 1))
-        return counts
-
-    def _place(self, number: int) -> str:
-        """Return the key of a segment: a program of one may be written without a list."""
-        try:
-            self.case.changed("program.steps=1")
-        except CaseError:
-            return f"program.{number}"
-        return "program"
+def planned(case: Case, factor: float) -> Case:
+    """Return a case with planned steps, in all segments so many times as in the given one."""
+    return with_steps(case, factor, fewest=1)
 
 
-def space_methods(case: Case) -> list[Method]:
-    """Return the methods in space that are worth comparing for a case; its own is among them.
+def steps_of(case: Case) -> tuple[str, ...]:
+    """Return the values of a case that make its planned steps."""
+    program = json.dumps([plain(segment) for segment in case.program])
+    return f"time.steps_per_cycle={case.time.steps_per_cycle}", f"program={program}"
+
+
+def in_space(case: Case) -> list[Iterator[Setting]]:
+    """Return the settings, with coarse steps, of each method in space that is worth comparing.
 
     Degree, mesh along the fibres or not, and with or without a part of what the singularities
     ask for: jumps of two placements, and for one, cells that are graded by themselves or
-    towards the corners alone.
+    towards the corners alone. The discretisation of the case is among them.
     """
-    two = case.needs.placements == 2
-    kinds = [("fibres", degree, "default") for degree in (2, 3, 4)]
-    kinds += [("fibres", 3, "no jumps" if two else "corners alone"), ("crossed", 2, "")]
-    if not isinstance(case.sheet, Rectangle):
-        kinds = [("unstructured" if k == "crossed" else k, d, s) for k, d, s in kinds]
-    methods = [_method(case, *kind) for kind in kinds]
+    other = "crossed" if isinstance(case.sheet, Rectangle) else "unstructured"
+    part = "no jumps" if case.needs.placements == 2 else "corners alone"
+    methods = [
+        *((f"P{degree} on fibres", "fibres", degree) for degree in (2, 3, 4)),
+        (f"P3 on fibres, {part}", "fibres", 3),
+        (f"P2 {other}", other, 2),
+    ]
+    settings = []
+    for name, mesh, degree in methods:
+        overrides = (
+            f"discretisation.mesh={mesh}",
+            f"discretisation.degree={degree}",
+            f"discretisation.jumps={'false' if name.endswith('no jumps') else 'null'}",
+            "discretisation.corner_size=null",
+            "discretisation.penalty=auto",
+            "discretisation.quadrature_degree=auto",
+        )
+        grading = _GRADING if name.endswith("corners alone") else 0.0
+        settings.append(_finer_meshes(case, name, overrides, degree, mesh, grading))
     d = case.discretisation
     if d.corner_size or d.penalty != "auto" or d.quadrature_degree != "auto":
         assert d.mesh_size is not None
         grading = (d.corner_size or 0.0) / d.mesh_size
-        first = _first(case, d.mesh or "fibres")
-        methods.append(Method("as in the case", (), d.degree, first, grading))
-    return methods
+        own = _finer_meshes(case, "as in the case", (), d.degree, d.mesh or "fibres", grading)
+        settings.append(own)
+    return settings
 
 
-def _method(case: Case, mesh: str, degree: int, kind: str) -> Method:
-    words = {"default": "on fibres", "": mesh}
-    name = f"P{degree} {words.get(kind, f'on fibres, {kind}')}"
-    jumps = "false" if kind == "no jumps" else "null"
-    where = mesh if isinstance(case.sheet, Rectangle) or mesh == "fibres" else "unstructured"
-    overrides = (
-        f"discretisation.mesh={where}",
-        f"discretisation.degree={degree}",
-        f"discretisation.jumps={jumps}",
-        "discretisation.corner_size=null",
-        "discretisation.penalty=auto",
-        "discretisation.quadrature_degree=auto",
-    )
-    return Method(
-        name, overrides, degree, _first(case, mesh), _GRADING if kind == "corners alone" else 0.0
-    )
+def _finer_meshes(
+    case: Case, name: str, overrides: Sequence[str], degree: int, mesh: str, grading: float
+) -> Iterator[Setting]:
+    """Yield settings, each with half the mesh size of the last.
+
+    ``grading`` is corner size over mesh size of the first; 0 for none.
+    """
+    first, steps = _first_size(case, mesh), steps_of(planned(case, COARSEST))
+    for level in count():
+        size = first / 2**level
+        values = [*overrides, f"discretisation.mesh_size={size:.6g} m"]
+        what = f"{1e3 * size:.4g} mm"
+        if grading:
+            corner = size * grading / 2**level
+            values.append(f"discretisation.corner_size={corner:.6g} m")
+            what += f" (corners {1e3 * corner:.3g} mm)"
+        yield Setting("space", name, degree, what, tuple(values), steps)
 
 
-def _first(case: Case, mesh: str) -> float:
+def _first_size(case: Case, mesh: str) -> float:
     """Return the largest mesh size (m): the case's times a power of two."""
     own = case.discretisation.mesh_size
     assert own is not None
@@ -174,55 +132,28 @@ def _first(case: Case, mesh: str) -> float:
     return min(own * 2.0 ** round(log2(side / _FIRST_CELLS[mesh] / own)), side)
 
 
-def space_refinement(method: Method, coarse_steps: Sequence[str]) -> Iterator[Setting]:
-    """Yield the settings of a method in space, each with half the mesh size of the last."""
+def in_time(case: Case, mesh: Sequence[str]) -> list[Iterator[Setting]]:
+    """Return the settings of each method in time on a mesh.
+
+    Every scheme with planned steps, and steps that adapt where their error is known.
+    """
+    methods = [_finer_steps(case, mesh, scheme, adaptive=False) for scheme in SCHEMES.values()]
+    adaptive = [s for s in SCHEMES.values() if s.measures_error] if case.needs.rate else []
+    return [*methods, *(_finer_steps(case, mesh, s, adaptive=True) for s in adaptive)]
+
+
+def _finer_steps(
+    case: Case, mesh: Sequence[str], scheme: Scheme, adaptive: bool
+) -> Iterator[Setting]:
+    """Yield settings, each with about twice the steps of the last."""
+    name = f"{scheme.name}, adaptive" if adaptive else scheme.name
     for level in count():
-        size = method.first_size / 2**level
-        overrides = [*method.overrides, f"discretisation.mesh_size={size:.6g} m"]
-        what = f"{1e3 * size:.4g} mm"
-        if method.grading:
-            corner = size * method.grading / 2**level
-            overrides.append(f"discretisation.corner_size={corner:.6g} m")
-            what += f" (corners {1e3 * corner:.3g} mm)"
-        yield Setting(
-            "space", method.name, method.order, what, tuple(overrides), tuple(coarse_steps)
-        )
-
-
-def time_methods(case: Case) -> list[Method]:
-    """Return the methods in time: every scheme, and steps that adapt where their error is known."""
-    equal = [Method(s.name, (f"time.scheme={s.name}",), s.order) for s in SCHEMES.values()]
-    if not case.needs.rate:
-        return equal
-    adaptive = SCHEMES["bdf2"]
-    overrides = (f"time.scheme={adaptive.name}",)
-    return [
-        *equal,
-        Method(f"{adaptive.name}, adaptive", overrides, adaptive.order, tolerance=_FIRST_TOLERANCE),
-    ]
-
-
-def time_refinement(method: Method, mesh: Sequence[str], steps: Steps) -> Iterator[Setting]:
-    """Yield the settings of a method on a mesh, each with about twice the steps of the last."""
-    steps_of = _adaptive if method.tolerance else _equal
-    for level in count():
-        what, size, values = steps_of(method, steps, level)
-        overrides = (*method.overrides, *values)
-        yield Setting("time", method.name, method.order, what, tuple(mesh), overrides, size)
-
-
-#: Steps in words, what their length is proportional to where their number does not tell, and
-#: their values of the case.
-_Steps = tuple[str, float | None, tuple[str, ...]]
-
-
-def _equal(_: Method, steps: Steps, level: int) -> _Steps:
-    factor = COARSEST * 2**level
-    values = ("time.tolerance=null", *steps.with_factor(factor))
-    return f"{steps.planned(factor)} steps", None, values
-
-
-def _adaptive(method: Method, steps: Steps, level: int) -> _Steps:
-    tolerance = method.tolerance / 2 ** (method.order * level)
-    values = (f"time.tolerance={tolerance:.6g}", *steps.with_factor(COARSEST))
-    return f"tolerance {100 * tolerance:.2g} %", tolerance ** (1 / method.order), values
+        with_these = planned(case, COARSEST if adaptive else COARSEST * 2**level)
+        what, size, tolerance = f"{with_these.planned_steps} steps", None, "null"
+        if adaptive:
+            error = _FIRST_TOLERANCE / 2 ** (scheme.order * level)
+            what, tolerance = f"tolerance {100 * error:.2g} %", f"{error:.6g}"
+            size = error ** (1 / scheme.order)
+        values = (f"time.scheme={scheme.name}", f"time.tolerance={tolerance}")
+        steps = (*values, *steps_of(with_these))
+        yield Setting("time", name, scheme.order, what, tuple(mesh), steps, size)

@@ -13,17 +13,10 @@ from itertools import islice, product
 from math import inf, sqrt
 
 from wovenfab.case import Case, CaseError
+from wovenfab.simulation.response import has_fixed_steps
 from wovenfab.study.accuracy.errors import Combined, Pair, best_of, forecast, worst
 from wovenfab.study.accuracy.measure import Measured
-from wovenfab.study.accuracy.settings import (
-    COARSEST,
-    Setting,
-    Steps,
-    space_methods,
-    space_refinement,
-    time_methods,
-    time_refinement,
-)
+from wovenfab.study.accuracy.settings import Setting, in_space, in_time
 from wovenfab.study.accuracy.study import TARGETS, Run, Study, refinements
 
 #: A method ends when its own error is this share of the least target.
@@ -62,19 +55,15 @@ def run_study(case: Case, runner: Runner, budget: float, report: Report) -> Stud
             study that was interrupted ends as if it had not been.
         report: Called before and after each run.
     """
-    steps = Steps(case)
     study = Study()
     scheduler = Scheduler(case, runner, study, report, _ENOUGH * TARGETS[-1])
-    in_time = case.needs.history and steps.can_vary
-    coarse = steps.with_factor(COARSEST)
-    space = scheduler.start([space_refinement(m, coarse) for m in space_methods(case)])
-    scheduler.run(space, study.space, budget * (_IN_SPACE if in_time else 1.0))
+    time_counts = case.needs.history and not has_fixed_steps(case)
+    space = scheduler.start(in_space(case))
+    scheduler.run(space, study.space, budget * (_IN_SPACE if time_counts else 1.0))
     _judge(study, "space", study.space)
-    mesh = _adequate(study, budget) if in_time and study.space else None
+    mesh = _adequate(study, budget) if time_counts and study.space else None
     if mesh is not None:
-        schemes = scheduler.start(
-            [time_refinement(m, mesh.setting.mesh, steps) for m in time_methods(case)]
-        )
+        schemes = scheduler.start(in_time(case, mesh.setting.mesh))
         scheduler.run(schemes, study.time, study.spent + _IN_TIME * (budget - study.spent))
         _judge(study, "time", study.time)
     if mesh is not None and study.time:

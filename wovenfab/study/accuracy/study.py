@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import inf, isfinite, log
 from pathlib import Path
 from typing import Any
 
 from wovenfab.record.results import markdown, write_csv
-from wovenfab.study.accuracy.errors import Best, Refinement, orders_towards
+from wovenfab.study.accuracy.errors import Best, Refinement
 from wovenfab.study.accuracy.measure import DISSIPATED, PEAK_FORCE, RMS_BETA, Measured
 from wovenfab.study.accuracy.settings import Setting
 
@@ -94,11 +94,12 @@ class Study:
         orders: dict[str, str] = {}
         if run not in same[1:]:
             return orders
-        place = same.index(run)
+        before = same[same.index(run) - 1]
+        larger, errors = self.errors(before), self.errors(run)
         for name, best in self.best[stage].items():
-            if self.errors(run)[name] > 2 * best.relative:
-                order = orders_towards(best.value, refinements(same, name)[0])[place - 1]
-                orders[name] = "" if order is None else f"{order:.1f}"
+            if errors[name] > 2 * best.relative and larger[name] > 0:
+                order = log(larger[name] / errors[name]) / log(before.size / run.size)
+                orders[name] = f"{order:.1f}"
         return orders
 
     def errors_in_words(self, run: Run) -> dict[str, str]:

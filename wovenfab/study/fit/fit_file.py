@@ -5,19 +5,19 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
+from pydantic_core import PydanticCustomError
 
 from forms.effect import Target
-from wovenfab.case import Case, CaseError, Document, Section, read_case, units
+from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
-from wovenfab.case.errors import Problem, describe, near_miss, problems_in, wrong
+from wovenfab.case.errors import Problem, describe, near_miss, problems_in, reason, wrong
 from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import Length, coefficients, with_coefficient
+from wovenfab.case.quantities import Length, Section, coefficients, with_coefficient
 from wovenfab.study.fit.measured import Measured, read_measured
 
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
@@ -29,13 +29,11 @@ _PARAMETER = re.compile(
 )
 
 
-def _file(suffixes: tuple[str, ...], value: Any, info: ValidationInfo) -> Path:
-    return existing_file(value, folder_of(info), suffixes)
-
-
 def _text_file(*suffixes: str) -> Any:
-    schema = BeforeValidator(partial(_file, suffixes), json_schema_input_type=str)
-    return Annotated[Path, schema, PlainSerializer(str)]
+    def read(value: Any, info: ValidationInfo) -> Path:
+        return existing_file(value, folder_of(info), suffixes)
+
+    return Annotated[Path, BeforeValidator(read, json_schema_input_type=str), PlainSerializer(str)]
 
 
 def _share_or_force(value: Any) -> tuple[float, bool]:
@@ -235,15 +233,18 @@ def read_fit(path: Path) -> Fit:
     for name, sought in given.parameters.items():
         try:
             unknowns.append(_unknown(name, sought or Sought(), tests[0].case))
-        except ValueError as error:
-            message, _, remedy = str(error).partition("|")
-            problems.append(document.problem(("parameters", name), message, remedy))
+        except PydanticCustomError as error:
+            problems.append(document.problem(("parameters", name), *reason(error)))
     problems += [
         document.problem(("profiles", i), f"{name!r} is none of the parameters to find")
         for i, name in enumerate(given.profiles)
         if name not in given.parameters
     ]
-    problems += _lacking(document, unknowns, tests)
+    for unknown in unknowns:
+        for number, test in enumerate(tests):
+            if unknown.target and unknown.target.effect not in test.case.effects:
+                message = f"the case of tests.{number} has no effect {unknown.target.effect!r}"
+                problems.append(document.problem(("parameters", unknown.name), message))
     if problems:
         raise CaseError(problems)
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
@@ -261,30 +262,16 @@ def _test(test: Test) -> MeasuredTest:
     return MeasuredTest(case, measured, error, test.weight, test.toe)
 
 
-def _lacking(
-    document: Document, unknowns: list[Unknown], tests: tuple[MeasuredTest, ...]
-) -> list[Problem]:
-    """Return what is asked of cases that lack the effect."""
-    problems = []
-    for unknown in unknowns:
-        target = unknown.target
-        for number, test in enumerate(tests):
-            if target is not None and target.effect not in test.case.effects:
-                message = f"the case of tests.{number} has no effect {target.effect!r}"
-                problems.append(document.problem(("parameters", unknown.name), message))
-    return problems
-
-
 def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
     """Return a parameter with its bounds.
 
     Raises:
-        ValueError: With message and remedy, between them a bar.
+        PydanticCustomError: With message and remedy.
     """
     effect, _, rest = name.partition(".")
     if effect == "machine":
         if rest not in MACHINE:
-            raise ValueError(f"the machine has no {rest!r}|It has {', '.join(MACHINE)}.")
+            raise wrong(f"the machine has no {rest!r}", f"It has {', '.join(MACHINE)}.")
         unit, target, value, least = MACHINE[rest], None, 0.0, -inf
         if rest == "compliance":
             least = 0.0
@@ -295,18 +282,17 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
     if sought.bounds is not None:
         low, high = (_si(b, unit) for b in sought.bounds)
     elif target is None:
-        raise ValueError(
-            "a parameter of the machine needs bounds|For example 'bounds: [0 mm, 2 mm]'."
-        )
+        remedy = "For example 'bounds: [0 mm, 2 mm]'."
+        raise wrong("a parameter of the machine needs bounds", remedy)
     else:
         low, high = max(least, start * 1e-3), start * 1e3
     if not low < high or low < least:
-        raise ValueError(f"the bounds must increase from {least:g} on, got {low:g} and {high:g}")
+        raise wrong(f"the bounds must increase from {least:g} on, got {low:g} and {high:g}")
     if not low <= start <= high:
-        raise ValueError(f"the start {start:g} {unit} is outside of the bounds")
+        raise wrong(f"the start {start:g} {unit} is outside of the bounds")
     by_factors = sought.scale == "log" or (sought.scale is None and low > 0)
     if by_factors and low <= 0:
-        raise ValueError("a search by factors needs positive bounds|Take 'scale: linear'.")
+        raise wrong("a search by factors needs positive bounds", "Take 'scale: linear'.")
     scaled = sought.start is None and target is not None and not target.coefficient
     return Unknown(name, unit, target, start, scaled, (low, high), by_factors)
 
@@ -315,22 +301,20 @@ def target_of(name: str, case: Case) -> Target:
     """Return the parameter of a case that a name means, such as ``bending.stiffness[1]``.
 
     Raises:
-        ValueError: With message and remedy, between them a bar.
+        PydanticCustomError: With message and remedy.
     """
     effect, _, rest = name.partition(".")
     match = _PARAMETER.fullmatch(rest)
     parameter = match["parameter"] if match else rest
     if effect not in case.effects:
         known = f"The effects are {', '.join(case.effects)}."
-        raise ValueError(
-            f"the case has no effect {effect!r}|{near_miss(effect, case.effects) or known}"
-        )
+        raise wrong(f"the case has no effect {effect!r}", near_miss(effect, case.effects) or known)
     if parameter not in case.effects[effect]:
-        known = ", ".join(case.effects[effect])
-        raise ValueError(f"{effect} has no parameter {parameter!r}|It has {known}.")
+        known = f"It has {', '.join(case.effects[effect])}."
+        raise wrong(f"{effect} has no parameter {parameter!r}", known)
     family, coefficient = (match["family"], match["coefficient"]) if match else (None, None)
     if family not in (None, "1", "2"):
-        raise ValueError("the families are [1] and [2]")
+        raise wrong("the families are [1] and [2]")
     families = (0, 1) if family is None else (int(family) - 1,)
     return Target(effect, parameter, families, int(coefficient or 0))
 
@@ -340,44 +324,37 @@ def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
     value = case.effects[target.effect][target.parameter]
     if isinstance(value, tuple):
         if target.coefficient and value[0] != value[1] and len(target.families) == 2:
-            raise ValueError("each family has a formula of its own|Say which: [1] or [2].")
+            raise wrong("each family has a formula of its own", "Say which: [1] or [2].")
         value = value[target.families[0]]
     elif len(target.families) == 1:
-        raise ValueError("both families have the same value|Give the case a pair of values.")
+        raise wrong("both families have the same value", "Give the case a pair of values.")
     numbers = coefficients(value)
     if target.coefficient:
         if target.coefficient > len(numbers):
             remedy = "They are the numbers of a formula, counted from 1."
-            raise ValueError(f"the value has {len(numbers)} coefficients|{remedy}")
+            raise wrong(f"the value has {len(numbers)} coefficients", remedy)
         number, unit = numbers[target.coefficient - 1]
         return unit, number, -inf
     if isinstance(value, Expression):
         remedy = f"Seek its coefficients: {target}#1 to {target}#{len(numbers)}, in their order."
-        raise ValueError(f"the case gives this parameter by a formula|{remedy}")
+        raise wrong("the case gives this parameter by a formula", remedy)
     term = next(e for e in case.scene if e.name == target.effect)
     parameter = next(p for p in term.effect.parameters if p.name == target.parameter)
     return parameter.unit, float(value), 0.0 if parameter.above is None else parameter.above
 
 
 def _si(value: float | str, unit: str) -> float:
-    if isinstance(value, int | float):
-        if not isfinite(value):
-            raise ValueError(f"expected {units.kind(unit)}, got {value}")
-        return float(value)
     try:
-        return units.parse(value, unit)
+        number = units.parse(value, unit) if isinstance(value, str) else float(value)
+        if not isfinite(number):
+            raise ValueError(value)
     except ValueError as error:
-        raise ValueError(f"expected {units.kind(unit)}, got {error}") from error
+        raise wrong(f"expected {units.kind(unit)}, got {error}") from error
+    return number
 
 
 def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, float]) -> Case:
-    """Return a case with other values of its material parameters.
-
-    Args:
-        case: The case.
-        unknowns: The parameters.
-        values: By their names, in their units.
-    """
+    """Return a case with other values of its material parameters, by name and in their units."""
     for unknown in unknowns:
         if (target := unknown.target) is None:
             continue

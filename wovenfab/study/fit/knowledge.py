@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from wovenfab.record.bias_extension import bias_extension_of
+from wovenfab.record.history import bias_extension_of
 from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
 from wovenfab.study.fit.response import Comparison
 

@@ -1,4 +1,4 @@
-"""Measured curves, as testing machines write them: text with columns and headers of any kind.
+"""Measured curves and clouds of points, as machines write them: text with headers of any kind.
 
 Separators are comma, semicolon, tab or blanks; numbers have a decimal point or comma. What stands
 above the first row of numbers is the header, from which names and units of the columns come.
@@ -21,11 +21,22 @@ from wovenfab.case import units
 from wovenfab.case.errors import describe, refusal
 
 Array = NDArray[np.float64]
+#: Number and cells of each line.
+Lines = list[tuple[int, list[str]]]
 #: SI units of the quantities, and words by which their columns are known.
 QUANTITIES = {
     "displacement": ("m", ("displacement", "extension", "crosshead", "stroke", "travel", "weg")),
     "force": ("N", ("force", "load", "kraft")),
     "time": ("s", ("time", "zeit", "temps")),
+}
+#: Units that a remedy shows.
+EXAMPLES = {"m": "mm", "N": "N", "s": "s"}
+#: Names of the columns of a cloud of points.
+CLOUD = {
+    "x": ("x", "x0"),
+    "y": ("y", "y0"),
+    "ux": ("ux", "u_x", "u", "dx"),
+    "uy": ("uy", "u_y", "v", "dy"),
 }
 #: How cells may be separated; None for blanks.
 SEPARATORS = ("\t", ";", ",", None)
@@ -88,22 +99,15 @@ def read_measured(
     Raises:
         CaseError: With file and line.
     """
-    rows = _rows(_text(path), path)
-    first = next((i for i, (_, cells) in enumerate(rows) if _numbers(cells)), None)
-    if first is None:
-        raise refusal(str(path), "there is no row with two numbers", "Export the curve as text.")
-    header, data = rows[:first], rows[first:]
-    width = len(data[0][1])
-    titles = _titles(header, width)
-    chosen = {}
-    for quantity in QUANTITIES:
+    header, data, titles = _table(path)
+    width, chosen, factors = len(data[0][1]), {}, {}
+    for quantity, (unit, _) in QUANTITIES.items():
         at = _column(quantity, (columns or {}).get(quantity), titles, path, width)
         if at is not None:
             chosen[quantity] = at
-    factors = {
-        quantity: _factor(quantity, at, titles, header, (given_units or {}).get(quantity), path)
-        for quantity, at in chosen.items()
-    }
+            remedy = f"Say it: 'units: {{{quantity}: {EXAMPLES[unit]}}}'."
+            given = (given_units or {}).get(quantity)
+            factors[quantity] = _factor(quantity, unit, at, titles, header, given, remedy, path)
     values = {
         quantity: np.array([_value(cells, at, line, quantity, path) for line, cells in data])
         for quantity, at in chosen.items()
@@ -118,6 +122,57 @@ def read_measured(
     if not np.ptp(si["displacement"]):
         raise refusal(str(path), "the displacement does not change", "Name another column.")
     return Measured(path, si["displacement"], si["force"], time)
+
+
+def read_cloud(path: Path) -> tuple[Array, Array]:
+    """Return a cloud of measured points, as digital image correlation gives it.
+
+    The header has columns x, y, ux and uy (or u and v) with their units. Rows in which one of
+    them is empty or NaN, where the correlation was lost, are left out.
+
+    Args:
+        path: The file.
+
+    Returns:
+        Reference positions and displacements, shape (n, 2) each, m.
+
+    Raises:
+        CaseError: With file and line.
+    """
+    header, data, titles = _table(path)
+    remedy = "The header is like 'x (mm),y (mm),ux (mm),uy (mm)'."
+    columns = []
+    for name, words in CLOUD.items():
+        found = [i for i, t in enumerate(titles) if {t.strip().lower(), _name(t)} & {*words}]
+        if len(found) != 1:
+            what = "no column" if not found else "more than one column"
+            line = header[-1][0] if header else None
+            raise refusal(str(path), f"there is {what} {name!r}", remedy, line)
+        at = found[0]
+        factor = _factor(name, "m", at, titles, header, None, remedy, path)
+        columns.append([factor * _or_nan(cells, at, line, name, path) for line, cells in data])
+    rows = np.array(columns).T
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
+        raise refusal(str(path), "there is no row with a position and a displacement", remedy)
+    return rows[:, :2], rows[:, 2:]
+
+
+def _or_nan(cells: Sequence[str], at: int, line: int, name: str, path: Path) -> float:
+    cell = cells[at] if at < len(cells) else ""
+    lost = cell.strip().lower() in ("", "nan")
+    return np.nan if lost else _value(cells, at, line, name, path)
+
+
+def _table(
+    path: Path,
+) -> tuple[list[tuple[int, list[str]]], list[tuple[int, list[str]]], list[str]]:
+    """Return header and data of a file, line by line with their numbers, and the titles."""
+    rows = _rows(_text(path), path)
+    first = next((i for i, (_, cells) in enumerate(rows) if _numbers(cells)), None)
+    if first is None:
+        raise refusal(str(path), "there is no row with two numbers", "Export the table as text.")
+    return rows[:first], rows[first:], _titles(rows[:first], len(rows[first][1]))
 
 
 def _text(path: Path) -> str:
@@ -209,9 +264,9 @@ def _column(
 ) -> int | None:
     """Return the number of a column, from 0; None for a time that is not there."""
     shown = [t for t in titles if t]
-    names = f"The columns are {', '.join(map(repr, shown))}." if shown else (
-        f"There are {width} columns and no names: give their numbers, from 1."
-    )  # fmt: skip
+    names = f"There are {width} columns and no names: give their numbers, from 1."
+    if shown:
+        names = f"The columns are {', '.join(map(repr, shown))}."
     if isinstance(given, int):
         if not 1 <= given <= width:
             raise refusal(str(path), f"there is no column {given} for the {quantity}", names)
@@ -240,14 +295,15 @@ def _known(title: str) -> bool:
 
 def _factor(
     quantity: str,
+    unit: str,
     at: int,
     titles: Sequence[str],
     header: Sequence[tuple[int, list[str]]],
     given: str | None,
+    remedy: str,
     path: Path,
 ) -> float:
     """Return how many SI units the unit of a column is."""
-    unit = QUANTITIES[quantity][0]
     for text in (given,) if given else _candidates(at, titles, header):
         try:
             return units.parse(f"1 {text}", unit)
@@ -255,8 +311,6 @@ def _factor(
             if given:
                 message = f"the unit of the {quantity} must be {units.kind(unit)}, got {error}"
                 raise refusal(str(path), message) from error
-    examples = {"m": "mm", "N": "N", "s": "s"}
-    remedy = f"Say it: 'units: {{{quantity}: {examples[unit]}}}'."
     raise refusal(str(path), f"the header has no unit of the {quantity}", remedy)
 
 

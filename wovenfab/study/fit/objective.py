@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -14,13 +15,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forms.effect import Target
 from wovenfab.case import Case
+from wovenfab.parallel import end_with_parent
 from wovenfab.simulation.response import with_elements, with_steps
+from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, with_values
-from wovenfab.study.fit.response import Comparison, Curve, TrialError, compared, computed
-from wovenfab.study.runner import Store, fingerprint
+from wovenfab.study.fit.response import (
+    Comparison,
+    Curve,
+    TrialError,
+    command,
+    compared,
+    computed,
+    curve_of,
+)
+from wovenfab.study.runner import Store, Submit, fingerprint
 
 Array = NDArray[np.float64]
+#: Runs one after the other in this process.
+HERE = Cluster(jobs=1)
 
 
 @dataclass(frozen=True)
@@ -47,10 +61,6 @@ class Trial:
     def coarse(self) -> bool:
         """Whether cells and steps were larger than those of the cases."""
         return self.scale > 1
-
-
-def _ignore(trial: Trial) -> None:
-    """Do nothing."""
 
 
 @dataclass(frozen=True)
@@ -109,23 +119,27 @@ class Objective:
         self,
         fit: Fit,
         folder: Path,
-        jobs: int = 1,
-        report: Callable[[Trial], None] = _ignore,
+        cluster: Cluster = HERE,
+        report: Callable[[Trial], None] = lambda trial: None,
     ) -> None:
-        """Start the processes, if there are several tests.
+        """Start the processes, if there are several tests or ranks, or reach the cluster.
 
         Args:
             fit: The fit.
             folder: For the curves that are computed: a fit that is repeated finds them there.
-            jobs: Number of runs side by side.
+            cluster: Where the runs are made.
             report: Called with each trial.
         """
         self._fit, self._report, self._stack = fit, report, ExitStack()
-        self._store = Store(folder)
-        jobs = min(jobs, len(fit.tests))
+        self._store, self._ranks = Store(folder), cluster.ranks
         self._pool: ProcessPoolExecutor | None = None
-        if jobs > 1:
-            pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+        self._submit: Submit | None = None
+        if not cluster.is_local or cluster.ranks > 1:
+            self._submit = self._stack.enter_context(cluster.open(folder))
+        elif (jobs := min(cluster.side_by_side, len(fit.tests))) > 1:
+            pool = ProcessPoolExecutor(
+                jobs, mp_context=get_context("spawn"), initializer=end_with_parent
+            )
             self._pool = self._stack.enter_context(pool)
         self.trials: list[Trial] = []
         self._evaluated: dict[str, Evaluation | None] = {}
@@ -149,17 +163,21 @@ class Objective:
         raw = ((u, np.exp(q) if u.by_factors else q * np.ptp(u.bounds)) for u, q in pairs)
         return {u.name: float(np.clip(v, *u.bounds)) for u, v in raw}
 
+    @property
+    def bounds(self) -> tuple[Array, Array]:
+        """Smallest and largest scaled parameters."""
+        low, high = (self.scaled({u.name: u.bounds[k] for u in self._fit.unknowns}) for k in (0, 1))
+        return low, high
+
     def slopes(self, values: Mapping[str, float]) -> Array:
         """Return the derivatives of values by scaled parameters."""
         pairs = ((u, values[u.name]) for u in self._fit.unknowns)
         return np.array([v if u.by_factors else np.ptp(u.bounds) for u, v in pairs])
 
     def evaluate(self, values: Mapping[str, float], scale: float = 1.0) -> Evaluation:
-        """Return residuals and derivatives.
+        """Return residuals and derivatives for values (SI units) of the parameters.
 
-        Args:
-            values: Of the parameters, in SI units.
-            scale: Size of cells and steps over those of the cases.
+        ``scale`` is the size of cells and steps over those of the cases.
 
         Raises:
             TrialError: A run did not come to its end.
@@ -180,23 +198,18 @@ class Objective:
         """Return the same, and None where a run failed; a new trial is noted."""
         key = f"{scale} " + " ".join(f"{value:.12e}" for value in values.values())
         if key not in self._evaluated:
-            self._evaluated[key] = self._first_attempt(values, scale)
+            done, failure = None, ""
+            try:
+                done = self.evaluate(values, scale)
+            except TrialError as error:
+                failure = str(error)
+            misfit = done.misfit if done else np.nan
+            seconds = sum(curve.seconds for curve in done.curves) if done else 0.0
+            trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
+            self.trials.append(trial)
+            self._report(trial)
+            self._evaluated[key] = done
         return self._evaluated[key]
-
-    def _first_attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
-        number = len(self.trials) + 1
-        try:
-            done = self.evaluate(values, scale)
-        except TrialError as error:
-            self._note(Trial(number, scale, values, np.nan, 0.0, str(error)))
-            return None
-        seconds = sum(curve.seconds for curve in done.curves)
-        self._note(Trial(number, scale, values, done.misfit, seconds))
-        return done
-
-    def _note(self, trial: Trial) -> None:
-        self.trials.append(trial)
-        self._report(trial)
 
     def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
         fit = self._fit
@@ -205,25 +218,27 @@ class Objective:
         marks = [fingerprint(case) for case in cases]
         stored = [self._load(mark) for mark in marks]
         waiting = [i for i, curve in enumerate(stored) if curve is None]
-        if self._pool:
-            futures = {i: self._pool.submit(computed, cases[i], targets) for i in waiting}
-            try:
-                fresh = {i: future.result() for i, future in futures.items()}
-            except BrokenProcessPool:
-                raise TrialError("the process of a run was killed, maybe for its memory") from None
-        else:
-            fresh = {i: computed(cases[i], targets) for i in waiting}
-        for i, curve in fresh.items():
-            as_lists = {k: np.asarray(v).tolist() for k, v in asdict(curve).items()}
-            self._store.save(marks[i], marks[i], as_lists)
-        return [curve if curve else fresh[i] for i, curve in enumerate(stored)]
+        fresh = self._fresh([cases[i] for i in waiting], targets)
+        for i, curve in zip(waiting, fresh, strict=True):
+            self._store.save(marks[i], marks[i], curve.as_lists())
+            stored[i] = curve
+        return [curve for curve in stored if curve is not None]
+
+    def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[Curve]:
+        """Return the curves of cases, computed now."""
+        if self._submit:  # a process each, on any machine
+            commands = [command(case, targets, self._ranks) for case in cases]
+            return [curve_of(f.result()) for f in [*map(self._submit, commands)]]
+        if not self._pool:
+            return (computed(case, targets) for case in cases)
+        try:  # processes that stay: most of the time of a short run would be its start
+            return [*self._pool.map(computed, cases, repeat(targets))]
+        except BrokenProcessPool:
+            raise TrialError("the process of a run was killed, maybe for its memory") from None
 
     def _load(self, mark: str) -> Curve | None:
         data: Any = self._store.load(mark, mark)
-        if data is None:
-            return None
-        u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
-        return Curve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+        return None if data is None else Curve.of(data)
 
 
 def at_scale(case: Case, scale: float) -> Case:

@@ -7,9 +7,12 @@ that is linear in the forces of the steps, so that derivatives are interpolated 
 
 from __future__ import annotations
 
+import json
+import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from itertools import pairwise
+from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
 from typing import Any
@@ -20,17 +23,21 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from forms.effect import Target
-from wovenfab.case import Case, CaseError
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.study.cluster import CASE, portable
 from wovenfab.study.fit.fit_file import Unknown
 from wovenfab.study.fit.measured import Measured
+from wovenfab.study.runner import Command, Ended
 
 Array = NDArray[np.float64]
 #: Fewest measured points that can be compared.
 FEWEST = 3
+#: File of a command that has the parameters by which the curve is differentiated.
+TARGETS = "targets.pickle"
 #: Iterations for the displacement of the sample behind a spring.
 ITERATIONS = 50
 
@@ -53,13 +60,23 @@ class Curve:
     turns: tuple[int, ...]
     seconds: float
 
+    @staticmethod
+    def of(data: Mapping[str, Any]) -> Curve:
+        """Return the curve of what :meth:`as_lists` gave."""
+        u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
+        return Curve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+
+    def as_lists(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
+
 
 class TrialError(Exception):
     """A trial whose run did not come to its end."""
 
 
 def computed(case: Case, targets: Sequence[Target]) -> Curve:
-    """Return the curve of a case with its derivatives.
+    """Return the curve of a case with its derivatives; collective.
 
     Args:
         case: The case.
@@ -71,7 +88,7 @@ def computed(case: Case, targets: Sequence[Target]) -> Curve:
     started = perf_counter()
     steps: list[Step] = []
     try:
-        with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+        with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
             if targets:
                 simulation.differentiate(targets, dissipation=False)
             # Where a step was cut, others lie between: they would change the interpolation.
@@ -84,6 +101,26 @@ def computed(case: Case, targets: Sequence[Target]) -> Curve:
     return Curve(
         u, np.array([s.force for s in steps]), np.array(rows), _turns(u), perf_counter() - started
     )
+
+
+def command(case: Case, targets: Sequence[Target], ranks: int) -> Command:
+    """Return the command that computes a curve in a process of its own, on several ranks."""
+    files = portable(case) | {TARGETS: pickle.dumps(list(targets))}
+    return Command(["-m", "wovenfab.study.fit.response"], ranks, files=files)
+
+
+def curve_of(ended: Ended) -> Curve:
+    """Return the curve that such a command has computed.
+
+    Raises:
+        TrialError: The run did not come to its end.
+    """
+    if ended.failure:
+        raise TrialError(ended.failure)
+    result = ended.result
+    if "failure" in result:
+        raise TrialError(result["failure"])
+    return Curve.of(result)
 
 
 def _turns(displacement: Array) -> tuple[int, ...]:
@@ -127,12 +164,7 @@ class BranchError(Exception):
 
 
 def curve_of_history(displacement: Array, force: Array) -> Curve:
-    """Return the curve of a run that is there already, without derivatives.
-
-    Args:
-        displacement: m, shape (steps,).
-        force: N, shape (steps,).
-    """
+    """Return the curve of a run that is there already, in m and N, without derivatives."""
     return Curve(displacement, force, np.zeros((len(force), 0)), _turns(displacement), 0.0)
 
 
@@ -145,12 +177,8 @@ def compared(
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
-    Args:
-        measured: The measured curve.
-        curve: The computed one.
-        unknowns: The parameters.
-        values: By their names, in SI units.
-        toe: Displacement (m) below which points are left out.
+    ``values`` are those of the parameters by name (SI units); points below the ``toe`` (m) are
+    left out.
 
     Raises:
         BranchError: The curves do not belong to each other.
@@ -226,3 +254,18 @@ def _along(
 def _cubic(u: Array, f: Array) -> CubicHermiteSpline:
     """Return the cubic through points whose slopes are those of parabolas through three."""
     return CubicHermiteSpline(u, f, np.gradient(f, u, edge_order=2 if len(u) > 2 else 1))
+
+
+def main() -> None:
+    """Compute the curve that :func:`command` asks for; print it on the first rank."""
+    try:
+        targets = pickle.loads(Path(TARGETS).read_bytes())
+        result = computed(read_case(CASE), targets).as_lists()
+    except TrialError as error:
+        result = {"failure": str(error)}
+    if MPI.COMM_WORLD.rank == 0:
+        print(json.dumps(result))
+
+
+if __name__ == "__main__":
+    main()

@@ -140,7 +140,7 @@ def search(objective: Objective, fit: Fit) -> Found:
     error = _error(best, coarse)
     for _ in range(MOST_FINE):
         correction = _correction(objective, values, best, coarse)
-        if near := _is_near(objective, fit, values, best):
+        if near := _is_near(objective, values, best):
             if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
                 break
             scale, as_said, best = FINER, best, _tried(objective, values, FINER)
@@ -179,10 +179,9 @@ def _square(evaluation: Evaluation) -> float:
     return float(evaluation.residuals @ evaluation.residuals)
 
 
-def _is_near(objective: Objective, fit: Fit, values: Mapping[str, float], done: Evaluation) -> bool:
+def _is_near(objective: Objective, values: Mapping[str, float], done: Evaluation) -> bool:
     """Return whether values are near to those of least squares; those at a bound do not count."""
-    q = objective.scaled(values)
-    low, high = (objective.scaled({u.name: u.bounds[k] for u in fit.unknowns}) for k in (0, 1))
+    q, (low, high) = objective.scaled(values), objective.bounds
     margin = 1e-6 * (high - low)
     return is_near(done.residuals, done.jacobian[:, (q > low + margin) & (q < high - margin)])
 
@@ -205,15 +204,9 @@ def _minimised(
     correction: Correction | None = None,
     fixed: str = "",
 ) -> tuple[dict[str, float], Evaluation]:
-    """Return values of least squares by coarse runs, and what these runs give there.
+    """Return values of least squares by (corrected) coarse runs, and what these runs give there.
 
-    Args:
-        objective: Evaluates residuals and derivatives.
-        fit: The fit.
-        start: Values to start from.
-        region: First trust region, in scaled parameters.
-        correction: Of the coarse runs.
-        fixed: A parameter that keeps its value.
+    ``region`` is the first trust region, in scaled parameters; ``fixed`` keeps its value.
 
     Raises:
         TrialError: The run at the start did not come to its end.
@@ -255,10 +248,7 @@ def _minimised(
             raise _NearEnoughError(q)
         return region * done[1]
 
-    low, high = (
-        (objective.scaled({u.name: u.bounds[side] for u in fit.unknowns}) - origin)[free] / region
-        for side in (0, 1)
-    )
+    low, high = ((bound - origin)[free] / region for bound in objective.bounds)
     margin = 1e-9 * (high - low)
     q = np.clip(np.zeros_like(low), low + margin, high - margin)
     try:
@@ -286,16 +276,11 @@ class _NearEnoughError(Exception):
 def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float) -> Profile:
     """Return the profile of the sum of squares over one parameter, by corrected coarse runs.
 
-    Args:
-        objective: Evaluates residuals and derivatives.
-        fit: The fit.
-        found: What the search has found.
-        name: Of the parameter.
-        half: Half of its interval by the covariance, scaled.
+    ``half`` is half of the parameter's interval by the covariance, scaled.
     """
     place = next(k for k, u in enumerate(fit.unknowns) if u.name == name)
     unknown, all_free = fit.unknowns[place], np.ones(len(fit.unknowns), dtype=bool)
-    low, high = (objective.scaled({u.name: u.bounds[k] for u in fit.unknowns}) for k in (0, 1))
+    low, high = objective.bounds
     middle = float(objective.scaled(found.values)[place])
     squares = {middle: _square(found.evaluation)}
     for side in (-1, 1):
@@ -346,12 +331,7 @@ def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
 
 
 def offset(residuals: Array, jacobian: Array) -> float:
-    """Return the relative offset of Bates and Watts; zero without parameters that may move.
-
-    Args:
-        residuals: Shape (n,).
-        jacobian: Their derivatives, shape (n, p).
-    """
+    """Return the relative offset of Bates and Watts; zero without parameters that may move."""
     n, p = jacobian.shape
     if not p or n <= p:
         return 0.0

@@ -11,7 +11,6 @@ from wovenfab.case import Case, Cycles
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import planned_steps
 from wovenfab.study.target_accuracy.plan import Plan, plan
 
 logger = logging.getLogger(__name__)
@@ -129,7 +128,7 @@ def _steps(case: Case) -> str:
     """Return the steps in words."""
     if not case.needs.history:
         return ""
-    steps, tolerance = f"{planned_steps(case)} steps", case.time.tolerance
+    steps, tolerance = f"{case.planned_steps} steps", case.time.tolerance
     if all(isinstance(segment, Cycles) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
     if tolerance is None:

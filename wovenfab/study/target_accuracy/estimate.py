@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +26,10 @@ from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.field_file import ERROR
-from wovenfab.record.fields import FieldSeries, Lattice
+from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
+from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.response import (
     Response,
@@ -122,14 +124,20 @@ class DegreeRefinement:
 
 
 def response_with_degree(
-    case: Case, sheet: Sheet, degree: int, share: float = FEW, lower: Response | None = None
+    case: Case,
+    sheet: Sheet,
+    degree: int,
+    share: float = FEW,
+    lower: Response | None = None,
+    seconds: float = inf,
 ) -> Response:
     """Return the response of a case with another degree and a share of its steps; collective.
 
-    The response of a lower degree with the same steps is the initial guess.
+    The response of a lower degree with the same steps is the initial guess. It is given up
+    after so many seconds of wall time.
     """
     trial = with_elements(with_steps(case, share), degree=degree)
-    return response_of(trial, sheet, lower, with_states=True)
+    return response_of(trial, sheet, lower, with_states=True, seconds=seconds)
 
 
 @dataclass(frozen=True)

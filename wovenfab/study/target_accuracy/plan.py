@@ -15,7 +15,7 @@ from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.progress import memory, memory_of_machine
-from wovenfab.simulation.response import Response, trial_of, with_elements
+from wovenfab.simulation.response import Response, TooLongError, trial_of, with_elements
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
@@ -33,6 +33,11 @@ MEMORY_SHARE = 0.6
 #: Share of the accuracy that is aimed at, for estimates are not exact; the largest share of that
 #: which elements may use where steps have an error, too: finer cells cost more than more steps.
 AIM, ELEMENTS_SHARE = 0.8, 0.75
+#: Scheme of the rates.
+SCHEME = "bdf3"
+#: Time of all trials of elements without compiling (s): for an accuracy that is usual, so that the
+#: answer comes within a minute, and at most.
+USUAL_ACCURACY, PATIENCE = 0.01, (45.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
 #: Degrees that are tried on a mesh, one after another; one lower and one higher give the
@@ -65,18 +70,26 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
     """Return elements and steps for the accuracy of a case; collective.
 
     Elements are chosen first, with few steps, and then the steps, with coarse elements: the
-    errors of both add up. Of several cycles the largest is tried.
+    errors of both add up. Of several cycles the largest is tried. Rates are formed by BDF of
+    third order, unless the case names a scheme.
 
     Args:
         case: A case with an accuracy.
         mesher: Returns the sheet of a case.
         report: Called with a line on each trial.
-        limits: Of memory and time; a share of the machine's memory if None.
+        limits: Of memory and time; a share of the machine's memory, and the longer the smaller
+            the accuracy, if None.
     """
     assert case.accuracy is not None
-    base = case.model_copy(update={"accuracy": None})
+    time = case.time
+    if case.needs.rate and "scheme" not in time.model_fields_set:
+        time = time.model_copy(update={"scheme": SCHEME})
+    base = case.model_copy(update={"accuracy": None, "time": time})
     sheet = mesher(base)
-    limits = limits or Limits(memory_of_machine() * MEMORY_SHARE)
+    if limits is None:
+        least, most = PATIENCE
+        seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
+        limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds)
     aim = AIM * case.accuracy
     share = ELEMENTS_SHARE if base.needs.history else 1.0
     elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet).run()
@@ -143,10 +156,13 @@ class _MeshSearch:
                 break
             error = None
             try:
-                error = self._error(trial, sheet)
+                error = self._error(trial, sheet, self._left(trials))
             except (StepFailedError, StabilityLostError) as problem:
                 self.seconds = perf_counter() - start
                 failure = f"no trial got to its end: {problem}"
+            except TooLongError:
+                reason = f"trials of {unknowns} unknowns take longer than allowed"
+                break
             if error is not None and error <= self.target:
                 assert self.best is not None
                 return self.best
@@ -165,8 +181,18 @@ class _MeshSearch:
             return Plan(case, self.mesher(self.case), None, failure or reason)
         return replace(self.best, shortfall=reason, reachable=reachable)
 
-    def _error(self, trial: Case, sheet: Sheet) -> float | None:
-        """Return the error on a mesh by the lowest degree that is good enough, or by the best."""
+    def _left(self, trials: Sequence[Trial]) -> float:
+        """Return the time that is left for trials, s."""
+        return self.limits.time - sum(t.seconds for t in trials)
+
+    def _error(self, trial: Case, sheet: Sheet, left: float) -> float | None:
+        """Return the error on a mesh by the lowest degree that is good enough, or by the best.
+
+        Args:
+            trial: The case with that mesh.
+            sheet: Its sheet.
+            left: Time that the steps may take, s.
+        """
         responses: list[Response] = []
         error, self.seconds = None, 0.0
         for degree in DEGREES:
@@ -176,13 +202,14 @@ class _MeshSearch:
             self.report(f"elements: degree {degree}, {unknowns} unknowns")
             lower = responses[-1] if responses else None
             short = trial_of(trial, self.target)
-            responses.append(response_with_degree(short, sheet, degree, self.share, lower))
+            seconds = left - self.seconds
+            responses.append(response_with_degree(short, sheet, degree, self.share, lower, seconds))
             self.seconds += responses[-1].seconds
             # degrees are compared with equal steps
             if responses[-1].outcome.cutbacks and self.share < 1:
                 self.share *= 2
                 self.report("once more with twice the steps, for some had to be cut")
-                return self._error(trial, sheet)
+                return self._error(trial, sheet, left - self.seconds)
             if len(responses) < 3:
                 continue
             degrees = (degree - 2, degree - 1, degree)

@@ -34,6 +34,8 @@ EASY = 4.0
 DEARER = 1.4
 #: Round-off of an error that just reaches the target.
 ALMOST = 1 + 1e-9
+#: Highest order of convergence that is believed: where friction reverses, higher ones are lost.
+BELIEVED = 2
 #: Largest number of steps over that of the first trial, and trials of one kind.
 MOST, TRIALS = 128.0, 8
 
@@ -60,7 +62,7 @@ def equal_steps(case: Case, number: float) -> Case:
 
 def adaptive_steps(case: Case, number: float) -> Case:
     """Return a case with about ``number`` times the first trial's adaptive steps."""
-    return with_steps(case, PLANNED, FIRST_TOLERANCE / number**2)
+    return with_steps(case, PLANNED, FIRST_TOLERANCE / number ** scheme_of(case).order)
 
 
 Kind = Callable[[Case, float], Case]
@@ -112,7 +114,7 @@ def _reaches(errors: dict[str, float], target: float) -> bool:
 
 def _measured(case: Case) -> bool:
     """Return whether the error of a step is measured, so that steps can adapt."""
-    return case.needs.rate and case.time.scheme == "bdf2"
+    return case.needs.rate and scheme_of(case).measures_error
 
 
 def _words(kind: Kind) -> str:
@@ -128,7 +130,7 @@ def _enough(
     """
     fewer: Response | None = None
     best, number = None, 1.0
-    order = scheme_of(trial).order
+    order = min(scheme_of(trial).order, BELIEVED)
     for _ in range(TRIALS):
         try:
             more = response_of(kind(trial, number), sheet)

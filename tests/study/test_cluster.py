@@ -1,0 +1,166 @@
+"""Runs on other machines: two workers of Dask, of which one is killed; files shared or not."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.study.test_fit import place
+from tests.study.test_study_sweep import CASE, command, processes
+from wovenfab.case import CaseError
+from wovenfab.record.history import read_history
+from wovenfab.record.summary import read_summary
+from wovenfab.study import cluster as module
+from wovenfab.study.cluster import Cluster
+from wovenfab.study.fit.fit_file import read_fit
+from wovenfab.study.fit.objective import Objective
+from wovenfab.study.sweep import Run, Sweep, members_of, sweep
+from wovenfab.study.variations import grid, read_over
+
+#: A checkpoint often, so that one is there at the kill.
+LONG = CASE.replace("pictures: false", "pictures: false, checkpoint: 4")
+STEPS = "program.steps=200,201,202"
+
+
+@contextmanager
+def process(folder: Path, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+    """Yield a part of a cluster with a folder for its files; nothing of it is left at the end."""
+    folder.mkdir()
+    root = Path(__file__).parents[2]
+    with subprocess.Popen(
+        [sys.executable, "-m", "distributed.cli." + str(arguments[0]), *map(str, arguments[1:])],
+        env={**os.environ, "PYTHONPATH": str(root), "TMPDIR": str(folder)}, cwd=folder,
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    ) as running:  # fmt: skip
+        try:
+            yield running
+        finally:
+            running.kill()
+
+
+@pytest.fixture
+def dask(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+    """Return the address of a scheduler, and two workers of one thread each."""
+    file = tmp_path / "scheduler.json"
+    with ExitStack() as stack:
+        listen = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
+        stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *listen))
+        until = time.monotonic() + 60
+        while not file.exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        address = json.loads(file.read_text())["address"]
+        options = (address, "--nthreads", 1, "--no-nanny", "--no-dashboard")
+        workers = [
+            stack.enter_context(process(tmp_path / name, "dask_worker", *options))
+            for name in ("worker-a", "worker-b")
+        ]
+        yield address, workers
+
+
+def swept(folder: Path, cluster: Cluster, kill: subprocess.Popen[bytes] | None = None) -> list[Run]:
+    """Return the runs of a sweep; a worker is killed once two runs have made many steps."""
+    (folder / "case.yaml").write_text(LONG)
+    members = members_of([folder / "case.yaml"], grid([read_over(STEPS)]))
+
+    def report(state: Sweep, run: Run | None) -> None:
+        begun = [p for p in folder.glob("[tw]*/**/history.csv") if p.read_bytes().count(b"\n") > 60]
+        if kill is not None and kill.poll() is None and len(begun) >= 2:
+            kill.send_signal(signal.SIGKILL)
+            kill.wait()
+
+    return sweep(members, folder / cluster.name.partition(":")[0], cluster, report)
+
+
+@pytest.mark.parametrize("shared", [True, False])
+def test_all_members_complete_though_a_worker_is_killed(
+    shared: bool, tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    @contextmanager
+    def nowhere(folder: Path) -> Iterator[tuple[Path, str]]:
+        folder.mkdir()
+        yield folder / "not there", ""
+
+    if not shared:
+        monkeypatch.setattr(module, "_mark", nowhere)
+    address, workers = dask
+    there = swept(tmp_path, Cluster(address), kill=workers[0])
+    assert workers[0].poll() is not None and workers[1].poll() is None
+    here = swept(tmp_path, Cluster())
+    assert [run.state for run in there] == ["finished"] * 3, [run.problem for run in there]
+    for one, other in zip(there, here, strict=True):
+        a, b = (read_history(run.directory) for run in (one, other))
+        for name in a:
+            np.testing.assert_array_equal(a[name], b[name])
+        files = [{p.name for p in run.directory.iterdir()} for run in (one, other)]
+        assert files[0] == files[1]
+        texts = [(run.directory / "case.yaml").read_text() for run in (one, other)]
+        assert texts[0] == texts[1]
+    assert max(len(read_summary(run.directory)["parts"]) for run in there) == 2
+
+
+def test_nothing_goes_on_when_the_command_is_killed(
+    tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    (tmp_path / "case.yaml").write_text(LONG)
+    arguments = ("case.yaml", "-o", "out", "--over", "program.steps=2000,2001")
+    for options in (("--cluster", dask[0]), ("-j", "2")):
+        running = subprocess.Popen(command(*arguments, *options), cwd=tmp_path)
+        until = time.monotonic() + 120
+        histories = [tmp_path / "out" / f"steps={n}" / "history.csv" for n in (2000, 2001)]
+        while time.monotonic() < until and not all(h.exists() for h in histories):
+            time.sleep(0.1)
+        assert len(processes(tmp_path)) >= 2
+        running.kill()
+        running.wait()
+        while time.monotonic() < until and processes(tmp_path):
+            time.sleep(0.1)
+        assert processes(tmp_path) == []
+        shutil.rmtree(tmp_path / "out")
+
+
+def test_a_fit_is_the_same_on_a_cluster_and_on_several_ranks(
+    tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]]
+) -> None:
+    fit = read_fit(place(tmp_path))
+    values = {u.name: u.start for u in fit.unknowns}
+    found = []
+    for n, cluster in enumerate((Cluster(), Cluster(dask[0]), Cluster(ranks=2))):
+        with Objective(fit, tmp_path / str(n), cluster) as objective:
+            found.append(objective.evaluate(values))
+    np.testing.assert_array_equal(found[0].residuals, found[1].residuals)
+    np.testing.assert_array_equal(found[0].jacobian, found[1].jacobian)
+    np.testing.assert_allclose(found[0].residuals, found[2].residuals, rtol=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("cluster", "told"),
+    [
+        (Cluster("moon"), "there is no cluster 'moon'. It can be local, slurm or an address such"),
+        (
+            Cluster("tcp://127.0.0.1:1", 2),
+            "the workers decide how many runs go side by side. Leave",
+        ),
+        (Cluster("tcp://127.0.0.1:1"), "no scheduler answers at tcp://127.0.0.1:1. Start one with"),
+        (Cluster("slurm"), "slurm needs dask-jobqueue, which is missing. Install it (pip install"),
+    ],
+)
+def test_a_cluster_that_is_not_there_is_told_and_nothing_is_written(
+    cluster: Cluster, told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_ANSWER", 1)
+    with pytest.raises(CaseError) as caught, cluster.open(tmp_path / "out"):
+        pass
+    assert str(caught.value).startswith(f"--cluster: {told}")
+    assert not (tmp_path / "out").exists()
