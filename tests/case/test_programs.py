@@ -12,7 +12,7 @@ import pytest
 
 import wovenfab
 from wovenfab.case import CaseError, read_case
-from wovenfab.case.program import thinned
+from wovenfab.case.samples import thinned
 from wovenfab.cli.check import check_case
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.study.variations import read_over

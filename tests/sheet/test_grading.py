@@ -9,8 +9,16 @@ import pytest
 from numpy.typing import NDArray
 
 from tests.outlines import HOLDS, SHAPES, Angles, fibres_at, lines_and_mesh
-from wovenfab.sheet.aligned import graded, singular_points
-from wovenfab.sheet.grading import RATIO, STEEP, Grading, Layers, grading_of, shrunk
+from wovenfab.sheet.aligned import (
+    RATIO,
+    STEEP,
+    Grading,
+    Layers,
+    graded,
+    grading_of,
+    shrunk,
+    singular_points,
+)
 
 
 def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
