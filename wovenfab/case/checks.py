@@ -40,8 +40,8 @@ from wovenfab.case.program import (
     Hold,
     Ramp,
     Segment,
+    force_control,
     joints,
-    prescribe_forces,
     reached,
 )
 from wovenfab.case.schema import (
@@ -49,7 +49,6 @@ from wovenfab.case.schema import (
     Output,
     Rectangle,
     SheetFile,
-    Solver,
     Time,
     possible_fields,
 )
@@ -227,22 +226,7 @@ def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
 
 
 _rule(joints)
-
-
-@_rule
-def _force_control(
-    boundary: Boundary, program: Program, solver: Solver, accuracy: float | None
-) -> Iterator[Finding]:
-    forces, instead = prescribe_forces(program), "Leave this key out, or prescribe displacements."
-    if not any(forces):
-        return
-    if not any(c.moves for _, _, c in conditions_of(boundary)):
-        remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
-        yield ("program", forces.index(True)), "no edge moves to attain the force", remedy
-    if solver.stability == "follow":
-        yield ("solver", "stability"), "branches under a prescribed force are unstable", instead
-    if accuracy is not None:
-        yield ("accuracy",), "errors under a prescribed force are not estimated", instead
+_rule(force_control)
 
 
 @_rule

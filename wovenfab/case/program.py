@@ -4,27 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise, zip_longest
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     PlainSerializer,
     model_validator,
 )
+from pydantic_core import core_schema
 
+from wovenfab.case import units
+from wovenfab.case.boundary import Boundary, conditions_of
 from wovenfab.case.errors import KeyPath, wrong
 from wovenfab.case.quantities import (
     AtLeastOne,
-    Driven,
     Duration,
     Frequency,
     Json,
     Length,
     Newtons,
     OneOr,
+    Quantity,
     Section,
     Size,
     Speed,
@@ -32,10 +37,39 @@ from wovenfab.case.quantities import (
 )
 from wovenfab.case.samples import Samples, read_samples
 
+if TYPE_CHECKING:
+    from wovenfab.case.schema import Solver
+
 #: Where a force is prescribed, the velocity is not known beforehand.
 NO_VELOCITY = "a force has a {}, not a velocity"
 _Speeds = Annotated[tuple[Speed, ...], Field(min_length=1), OneOr()] | None
 _Frequencies = Annotated[tuple[Frequency, ...], Field(min_length=1), OneOr()] | None
+
+
+@dataclass(frozen=True)
+class Driven(Quantity):
+    """A displacement, or a force where the text has a unit of force."""
+
+    unit: str = "m"
+    usual: tuple[float, float] = (1e-8, 20.0)
+
+    def number(self, value: Any) -> float:
+        """Return the SI value, which is of the class ``Newtons`` if it is a force."""
+        if isinstance(value, Newtons) or (isinstance(value, str) and units.measures(value, "N")):
+            return Newtons(Quantity(unit="N", above=self.above).number(value))
+        return super().number(value)
+
+    def write(self, value: Any) -> Any:
+        """Return text with the unit."""
+        return units.write(value, "N" if isinstance(value, Newtons) else "m")
+
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> Json:
+        """Describe a displacement and a force."""
+        described = super().__get_pydantic_json_schema__(schema, handler)
+        described["anyOf"][1]["description"] = "'40 mm', or a force such as '50 N'"
+        return described
 
 
 def _require_type(schema: Json) -> None:
@@ -264,6 +298,22 @@ def joints(program: Sequence[Segment]) -> Iterator[tuple[KeyPath, str, str]]:
                     yield path, "the table has no row after time zero", ""
                 here = samples.displacements[-1]
         before = force
+
+
+def force_control(
+    boundary: Boundary, program: Sequence[Segment], solver: Solver, accuracy: float | None
+) -> Iterator[tuple[KeyPath, str, str]]:
+    """Yield why a program of forces cannot be, and the remedy."""
+    forces, instead = prescribe_forces(program), "Leave this key out, or prescribe displacements."
+    if not any(forces):
+        return
+    if not any(c.moves for _, _, c in conditions_of(boundary)):
+        remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
+        yield ("program", forces.index(True)), "no edge moves to attain the force", remedy
+    if solver.stability == "follow":
+        yield ("solver", "stability"), "branches under a prescribed force are unstable", instead
+    if accuracy is not None:
+        yield ("accuracy",), "errors under a prescribed force are not estimated", instead
 
 
 def planned_steps(program: Iterable[Segment], per_cycle: int) -> int:

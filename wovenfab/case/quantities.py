@@ -238,31 +238,6 @@ class Newtons(float):
 
 
 @dataclass(frozen=True)
-class Driven(Quantity):
-    """A displacement, or a force where the text has a unit of force."""
-
-    unit: str = "m"
-
-    def number(self, value: Any) -> float:
-        """Return the SI value, which is of the class ``Newtons`` if it is a force."""
-        if isinstance(value, Newtons) or (isinstance(value, str) and units.measures(value, "N")):
-            return Newtons(Quantity(unit="N", above=self.above).number(value))
-        return super().number(value)
-
-    def write(self, value: Any) -> Any:
-        """Return text with the unit."""
-        return units.write(value, "N" if isinstance(value, Newtons) else "m")
-
-    def __get_pydantic_json_schema__(
-        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
-    ) -> Json:
-        """Describe a displacement and a force."""
-        described = super().__get_pydantic_json_schema__(schema, handler)
-        described["anyOf"][1]["description"] = "'40 mm', or a force such as '50 N'"
-        return described
-
-
-@dataclass(frozen=True)
 class Interval(Quantity):
     """A duration as text with its unit, a number of steps as a whole number, or false."""
 
@@ -363,8 +338,10 @@ def outside(kind: Quantity, value: Any, path: KeyPath) -> Iterator[tuple[KeyPath
     if isinstance(value, tuple):
         for i, one in enumerate(value):
             yield from outside(kind, one, path if len(set(value)) == 1 else (*path, i))
-    elif isinstance(value, float) and value and not kind.usual[0] <= abs(value) <= kind.usual[1]:
-        yield path, value, kind
+    elif isinstance(value, float) and value and not isinstance(value, Newtons):
+        least, most = kind.usual
+        if not least <= abs(value) <= most:
+            yield path, value, kind
 
 
 def _quantity_in(annotation: Any) -> Quantity | None:
