@@ -28,7 +28,7 @@ def accuracy_cost() -> list[Figure]:
     figures = []
     for name, program, settings, ranks, accuracy, seconds in (
         ("slip cycle within 0.1 %", ONE, _with(4, 75, 48), 1, 0.1, 6.0),
-        ("default case within 1 %", (), _with(3, 75, 28), 2, 1.0, 4.0),
+        ("default case within 1 %", (), _with(3, 100, 24), 2, 1.0, 4.0),
     ):
         run, finer = sample((*program, *settings), ranks=ranks), sample((*program, *FINE))
         pairs = (run.force, finer.force), (run.dissipated, finer.dissipated)
