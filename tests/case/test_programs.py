@@ -12,7 +12,7 @@ import pytest
 
 import wovenfab
 from wovenfab.case import CaseError, read_case
-from wovenfab.case.program import thinned
+from wovenfab.case.samples import thinned
 from wovenfab.cli.check import check_case
 from wovenfab.simulation.from_case import program_of_case
 from wovenfab.study.variations import read_over
@@ -49,7 +49,7 @@ def test_a_trapezoid_is_ramp_hold_ramp_and_rest_and_a_cycle() -> None:
     case = read_case(CONFIGS / "programs" / "trapezoid.yaml")
     program = program_of_case(case)
     way = [(0.4, 0.04), (2.4, 0.04), (2.8, 0.0), (3.8, 0.0), (4.2, 0.04), (7.6, 0.0)]
-    assert [program.displacement(t) for t, _ in way] == pytest.approx([u for _, u in way])
+    assert [program.value(t) for t, _ in way] == pytest.approx([u for _, u in way])
     assert program.cycles == [(0.0, pytest.approx(3.8)), (pytest.approx(3.8), pytest.approx(7.6))]
     assert case.planned_steps == len(program.milestones) - 1 == 160
 

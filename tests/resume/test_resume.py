@@ -44,6 +44,10 @@ CASES = {
     "backward Euler": ("bias-1x3", "time.scheme=backward-euler", "time.steps_per_cycle=20"),
     "stress at points": ("coulomb",),
     "internal variables": ("../docs/examples/wear",),
+    "force control": (
+        *("bias-1x3", "discretisation.mesh_size=150mm"),
+        "program={type: cycles, amplitudes: [50 N, 100 N], frequency: 10 Hz}",
+    ),
     "probes": (
         "bias-1x3",
         "output.probes={a: {type: point, at: [0.2, 0.1]}, c: {type: zone, centre: [0.45, 0.15], "

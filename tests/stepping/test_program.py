@@ -51,18 +51,18 @@ def test_reversals_are_hit_bit_for_bit(speed: dict[str, str], periods: list[floa
     start = 0.0
     for i, (amplitude, period) in enumerate(zip(AMPLITUDES, periods, strict=True)):
         top, end = points[40 * i + 20], points[40 * i + 40]
-        assert (top.time, top.displacement) == (start + period / 2, amplitude)
+        assert (top.time, top.value) == (start + period / 2, amplitude)
         begun, start = start, top.time + period / 2
-        assert (end.time, end.displacement) == (start, 0.0)
+        assert (end.time, end.value) == (start, 0.0)
         assert program.cycles[i] == (begun, start)
         for point in (top, end):
-            assert program.displacement(point.time) == point.displacement
+            assert program.value(point.time) == point.value
 
 
 @pytest.mark.parametrize("speed", [{"max_velocity": "0.5 m/s"}, {"frequency": "0.7 Hz"}])
 def test_cycles_have_their_largest_velocity_or_their_frequency(speed: dict[str, str]) -> None:
     program = planned(cycles(**speed), steps=4000)
-    times, moved = np.array([(m.time, m.displacement) for m in program.milestones]).T
+    times, moved = np.array([(m.time, m.value) for m in program.milestones]).T
     peaks = (np.diff(moved) / np.diff(times)).reshape(3, 4000).max(axis=1)
     periods = np.diff(times[::4000])
     if "max_velocity" in speed:
@@ -84,9 +84,9 @@ def test_a_cycle_follows_its_closed_form_and_starts_where_the_last_segment_ended
     program = program_of([ramp(0.0, 0.01, 0.3, 3), *cycle(0.01, 0.05, 2.0, 16)])
     for t in np.linspace(0.3, 2.3, 101):
         expected = 0.01 + 0.025 * (1 - cos(2 * pi * (t - 0.3) / 2.0))
-        assert program.displacement(t) == pytest.approx(expected, abs=1e-15)
-    assert program.milestones[-1].displacement == 0.01
-    assert program.displacement(99.0) == 0.01
+        assert program.value(t) == pytest.approx(expected, abs=1e-15)
+    assert program.milestones[-1].value == 0.01
+    assert program.value(99.0) == 0.01
 
 
 def test_milestones_lie_on_the_program_bit_for_bit_whatever_went_before() -> None:
@@ -97,9 +97,9 @@ def test_milestones_lie_on_the_program_bit_for_bit_whatever_went_before() -> Non
         ramp_to("-3 mm", 9, velocity="11 mm/s"),
     )
     for point in program.milestones:
-        assert program.displacement(point.time) == point.displacement
+        assert program.value(point.time) == point.value
     ends = [program.milestones[i] for i in (127, 130, 139)]
-    assert [m.displacement for m in ends] == [0.031, 0.031, -0.003]
+    assert [m.value for m in ends] == [0.031, 0.031, -0.003]
     assert ends[1].time - ends[0].time == pytest.approx(0.1, rel=1e-12)
     assert ends[2].time - ends[1].time == pytest.approx(0.034 / 0.011, rel=1e-12)
 
@@ -109,7 +109,7 @@ def test_a_hold_keeps_the_displacement_and_both_its_ends_are_jumps_of_the_veloci
         ramp_to("10 mm", 4, duration="1 s"), hold("2 s", 5), ramp_to("0 mm", 4, duration="1 s")
     )
     held = program.milestones[4:10]
-    assert {m.displacement for m in held} == {0.01}
+    assert {m.value for m in held} == {0.01}
     assert [m.jump for m in program.milestones if m.jump] == [True] * 3
     assert [program.milestones[i].jump for i in (0, 4, 9)] == [True] * 3
 
@@ -125,10 +125,10 @@ def test_a_table_is_hit_at_every_row_and_jumps_at_its_corners_only(tmp_path: Pat
     (tmp_path / "u.csv").write_text(f"time_s,displacement_m\n{rows}\n")
     row = {"type": "table", "file": "u.csv"}
     program = planned(Table.model_validate(row, context={"folder": tmp_path}))
-    points = [(m.time, m.displacement) for m in program.milestones]
+    points = [(m.time, m.value) for m in program.milestones]
     assert points == [(0.0, 0.0), *zip(times, moved, strict=True)]
     assert [m.jump for m in program.milestones] == [True, False, False, True, True, False]
-    assert program.displacement(0.75) == pytest.approx(0.0145, rel=1e-12)
+    assert program.value(0.75) == pytest.approx(0.0145, rel=1e-12)
 
 
 def test_a_finely_sampled_smooth_curve_has_no_corner_after_its_start() -> None:

@@ -4,7 +4,8 @@ from wovenfab.case.boundary import Component, EdgeCondition, conditions_of
 from wovenfab.case.case import Case, json_schema, read_case
 from wovenfab.case.errors import CaseError, refusal
 from wovenfab.case.formula import Expression
-from wovenfab.case.program import Cycles, Hold, Ramp, Samples, Segment, Table, Trapezoid
+from wovenfab.case.program import Cycles, Hold, Ramp, Segment, Table, Trapezoid
+from wovenfab.case.samples import Samples
 from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Solver, Time
 
 __all__ = [

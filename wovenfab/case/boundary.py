@@ -322,3 +322,14 @@ def _gradients(directions: Array, shear_resisted: bool) -> list[tuple[str, Array
     if shear_resisted:
         return [("turn as a whole", turns[0] - turns[1])]
     return [("turn as a whole or shear uniformly", turn) for turn in turns]
+
+
+def apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) -> str:
+    """Return the axis along which two conditions differ at a point, if there is one."""
+    programs = size * np.array([0.0, 0.01, 0.1, 0.3])
+    for axis, c, d in zip("xy", a.components, b.components, strict=True):
+        if c.held and d.held:
+            gap = np.abs(c.at(x, y, programs) - d.at(x, y, programs))
+            if not np.all(gap <= 1e-9 * size):
+                return axis
+    return ""

@@ -12,7 +12,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case.boundary import BOTH, EDGES, Boundary, EdgeCondition, conditions_of, free_motion
+from wovenfab.case.boundary import (
+    BOTH,
+    EDGES,
+    Boundary,
+    EdgeCondition,
+    apart,
+    conditions_of,
+    free_motion,
+)
 from wovenfab.case.effects import (
     Scene,
     SceneEffect,
@@ -28,8 +36,22 @@ from wovenfab.case.effects import (
 )
 from wovenfab.case.errors import KeyPath, near_miss, one_of
 from wovenfab.case.formula import Expression
-from wovenfab.case.program import Hold, Ramp, Segment, Table, Trapezoid, reached
-from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Time, possible_fields
+from wovenfab.case.program import (
+    Hold,
+    Ramp,
+    Segment,
+    force_control,
+    joints,
+    reached,
+)
+from wovenfab.case.schema import (
+    Discretisation,
+    Output,
+    Rectangle,
+    SheetFile,
+    Time,
+    possible_fields,
+)
 
 Array = NDArray[np.float64]
 Program = tuple[Segment, ...]
@@ -124,20 +146,9 @@ def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Findi
     for (one, _, a), (other, i, b) in combinations(conditions_of(known), 2):
         corners = set(EDGES[one]) & set(EDGES[other]) if one != other else ()
         for x, y in corners if set(a.families) & set(b.families) else ():
-            if axis := _apart(a, b, x * sheet.length, y * sheet.width, size):
+            if axis := apart(a, b, x * sheet.length, y * sheet.width, size):
                 reason = f"moves away along {axis} from '{one}', which it meets in a corner"
                 yield ("boundary", other, i), reason, "Free one of them, or move both alike."
-
-
-def _apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) -> str:
-    """Return the axis along which two conditions differ at a point, if there is one."""
-    programs = size * np.array([0.0, 0.01, 0.1, 0.3])
-    for axis, c, d in zip("xy", a.components, b.components, strict=True):
-        if c.held and d.held:
-            gap = np.abs(c.at(x, y, programs) - d.at(x, y, programs))
-            if not np.all(gap <= 1e-9 * size):
-                return axis
-    return ""
 
 
 @_rule
@@ -210,26 +221,12 @@ def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
             yield (
                 ("program", i),
                 "a velocity or a duration is needed, because an effect depends on rates",
-                "For example 'velocity: 0.1 m/s'.",
+                "For example 'velocity: 0.1 m/s', or 'duration: 1 s'.",
             )
 
 
-@_rule
-def _joints(program: Program) -> Iterator[Finding]:
-    here = 0.0
-    for i, segment in enumerate(program):
-        match segment:
-            case Ramp(to=end) | Trapezoid(to=end) if end == here:
-                already = f"the displacement is {here:g} m already"
-                yield ("program", i, "to"), already, "Use {type: hold} to wait."
-            case Table(samples=samples):
-                path, start = ("program", i, "file"), samples.displacements[0]
-                if samples.times[0] == 0 and start != here:
-                    jump = f"the table starts at {start:g} m, where the program is at {here:g} m"
-                    yield path, jump, "Give the first row a later time, to ramp to it."
-                if samples.times[-1] == 0:
-                    yield path, "the table has no row after time zero", ""
-        here = reached([segment], here)[-1]
+_rule(joints)
+_rule(force_control)
 
 
 @_rule

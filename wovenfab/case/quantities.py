@@ -233,6 +233,10 @@ class Quantity(_Scalar):
         return self._or_words(options) | examples | {"unit": self.unit or "1"}
 
 
+class Newtons(float):
+    """A force (N) where a displacement (m) could be."""
+
+
 @dataclass(frozen=True)
 class Interval(Quantity):
     """A duration as text with its unit, a number of steps as a whole number, or false."""
@@ -334,8 +338,10 @@ def outside(kind: Quantity, value: Any, path: KeyPath) -> Iterator[tuple[KeyPath
     if isinstance(value, tuple):
         for i, one in enumerate(value):
             yield from outside(kind, one, path if len(set(value)) == 1 else (*path, i))
-    elif isinstance(value, float) and value and not kind.usual[0] <= abs(value) <= kind.usual[1]:
-        yield path, value, kind
+    elif isinstance(value, float) and value and not isinstance(value, Newtons):
+        least, most = kind.usual
+        if not least <= abs(value) <= most:
+            yield path, value, kind
 
 
 def _quantity_in(annotation: Any) -> Quantity | None:

@@ -82,6 +82,15 @@ def parse_in(value: float | str, unit: float) -> float:
     raise ValueError(describe(value))
 
 
+def measures(text: str, unit: str) -> bool:
+    """Return whether a text is a number with a unit of the same kind as ``unit``."""
+    match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
+    try:
+        return bool(match and match["unit"] and _factor(match["unit"], unit))
+    except ValueError:
+        return False
+
+
 def write(value: float, unit: str) -> str | float:
     """Return ``value`` with its unit, so that :func:`parse` gives the same float."""
     short = f"{value:g}"

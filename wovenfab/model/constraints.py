@@ -20,6 +20,8 @@ from wovenfab.model.assembly import compile_forms
 from wovenfab.model.spaces import Placements
 from wovenfab.sheet.sheet import Sheet
 
+#: Change of the program (m) in differences of formulas.
+DIFFERENCE = 1e-5
 #: A component of a load: a number, or a function of position and program (UFL in and out).
 Force = float | Callable[[Any, Any], Any]
 
@@ -59,6 +61,17 @@ class DeadLoads:
     def set(self, program: float, share: float = 1.0) -> None:
         """Let the loads act that belong to a program value (m), or a share of them."""
         self.program.value, self.share.value = program, share
+
+    def rate(self, program: float) -> NDArray[np.float64]:
+        """Return the change of the force with the program (N/m) at own unknowns; collective."""
+        if self.form is None:
+            return np.zeros(self._own)
+        forces = []
+        for at in (program + DIFFERENCE, program - DIFFERENCE):
+            self.set(at)
+            forces.append(self.force())
+        self.set(program)
+        return np.asarray((forces[0] - forces[1]) / (2 * DIFFERENCE))
 
     def force(self) -> NDArray[np.float64]:
         """Return the force (N) of all loads at this rank's own unknowns; collective."""
@@ -120,6 +133,13 @@ class Held:
         x, y = positions[:, 0], positions[:, 1]
         value = self.factor * program + self.offset
         return np.broadcast_to(self.field(x, y, program) if self.field else value, x.shape)
+
+    def rate(self, positions: Array, program: float) -> Array | float:
+        """Return the change of the displacement with the program (1) at reference positions."""
+        if self.field is None:
+            return self.factor
+        after, before = (self.at(positions, program + d) for d in (DIFFERENCE, -DIFFERENCE))
+        return np.asarray((after - before) / (2 * DIFFERENCE))
 
 
 @dataclass(frozen=True)
@@ -198,6 +218,13 @@ class Constraints:
             held = share * part.held.at(part.positions, program)
             self._values.x.array[part.dofs] = self.origin[part.dofs] + held
         self._values.x.scatter_forward()
+
+    def rate(self, program: float) -> Array:
+        """Return the change of prescribed displacements with the program, zero elsewhere (1)."""
+        change = np.zeros(self._values.x.array.size)
+        for part in self._parts:
+            change[part.dofs] = part.held.rate(part.positions, program)
+        return change
 
     def virtual_displacement(self, edge: str, direction: tuple[float, float]) -> Array:
         """Return a unit displacement of an edge's held unknowns (1), zero at all others.

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
-#: Array of the times (s) and displacements (m) of the program so far, shape (2, n).
+#: Array of the program so far: times (s), values (m or N), whether they are forces; shape (3, n).
 PROGRAM = "program"
 #: Difference of displacements, over the largest one, below which programs are the same.
 SAME = 1e-9
@@ -157,7 +157,8 @@ class Checkpoints:
         self._every = simulation.case.output.checkpoint
         self._format = SnapshotFormat(simulation.model)
         self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
-        planned = [(m.time, m.displacement) for m in simulation.program.milestones]
+        program = simulation.program
+        planned = [(m.time, m.value, program.prescribes_force(m.time)) for m in program.milestones]
         self._program = np.array(planned).T
         self._steps, self._clock = 0, time.monotonic()
 
@@ -322,12 +323,12 @@ def contents_of(case: Case) -> dict[str, str]:
 
 def _has_made(case: Case, checkpoint: Checkpoint) -> bool:
     """Return whether a case has the program of a checkpoint up to its time."""
-    program, (times, displacements) = program_of_case(case), checkpoint.arrays[PROGRAM]
-    largest = np.abs(displacements).max()
+    program, (times, values, forces) = program_of_case(case), checkpoint.arrays[PROGRAM]
+    largest = max(np.abs(values).max(), np.finfo(float).tiny)
     return bool(
         program.milestones[-1].time >= checkpoint.time
         and all(
-            abs(program.displacement(t) - d) <= SAME * largest
-            for t, d in zip(times, displacements, strict=True)
+            abs(program.value(t) - value) <= SAME * largest and program.prescribes_force(t) == force
+            for t, value, force in zip(times, values, forces, strict=True)
         )
     )

@@ -33,6 +33,7 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
+from wovenfab.case.program import prescribe_forces
 from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
@@ -361,34 +362,42 @@ def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
 def program_of_case(case: Case) -> Program:
     """Return the load program of a case; each segment starts where the last one ended."""
     stretches: list[Segment] = []
-    position = 0.0
-    for segment in case.program:
-        added, position = _stretches(segment, position, case.time.steps_per_cycle)
-        stretches += added
+    position: float | None = 0.0
+    before = False
+    for segment, force in zip(case.program, prescribe_forces(case.program), strict=True):
+        position = position if force == before else None
+        added, position = _stretches(segment, position, case.time.steps_per_cycle, force)
+        stretches, before = stretches + added, force
     return program_of(stretches)
 
 
-def _stretches(segment: Any, start: float, per_cycle: int) -> tuple[list[Segment], float]:
-    """Return a segment's stretches and the displacement (m) at its end."""
+def _stretches(
+    segment: Any, start: float | None, per_cycle: int, force: bool = False
+) -> tuple[list[Segment], float | None]:
+    """Return a segment's stretches and the displacement (m) or force (N) at its end."""
     match segment:
         case Cycles():
-            turns = (cycle(start, a, period, per_cycle) for a, period in segment.turns())
+            turns = (cycle(start, a, period, per_cycle, force) for a, period in segment.turns())
             return [stretch for turn in turns for stretch in turn], start
         case Ramp(to=end, steps=steps):
-            way = abs(end - start)
-            duration = segment.duration or (way / segment.velocity if segment.velocity else 1.0)
-            return [ramp(start, end, duration, steps)], end
+            duration = segment.duration or 1.0
+            if segment.velocity and start is not None:
+                duration = abs(end - start) / segment.velocity
+            return [ramp(start, end, duration, steps, force)], end
         case Hold(duration=duration, steps=steps):
-            return [ramp(start, start, duration, steps)], start
+            return [ramp(start, start, duration, steps, force)], start
         case Trapezoid(repeat=repeat):
-            position, once = start, list[Segment]()
+            assert start is not None
+            position: float | None = start
+            once = list[Segment]()
             for part in segment.parts(start):
                 added, position = _stretches(part, position, per_cycle)
                 once += added
             return load_cycle(once) * repeat, start
     assert isinstance(segment, Table)
-    times, displacements = segment.samples.times, segment.samples.displacements
-    return table(start, times, displacements, segment.divisions), displacements[-1]
+    samples, divisions = segment.samples, segment.divisions
+    values = samples.displacements
+    return table(start, samples.times, values, divisions, force), values[-1]
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

@@ -98,6 +98,8 @@ class Simulation:
             case.time.tolerance,
         )
         self._edge, self._direction = driven_edge(case)
+        if self.program.changes:
+            self.stepper.control_force(self._edge, self._direction)
         self._prepared = False
         self.outcome = Outcome()
 
@@ -124,8 +126,12 @@ class Simulation:
         """Give each step the derivatives of driven force and dissipation by parameters; collective.
 
         Raises:
+            CaseError: If the program prescribes a force.
             TargetError: If the scene has no such parameter.
         """
+        if self.program.changes:
+            message = "derivatives by parameters are not available where a force is prescribed"
+            raise CaseError([self.case.problem("program", message, "Prescribe displacements.")])
         edge, direction = self._edge, self._direction
         targets = [in_case(target, self.case) for target in targets]
         self.stepper.differentiate(targets, edge, direction, dissipation=dissipation)

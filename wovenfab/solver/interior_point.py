@@ -7,14 +7,27 @@ falls to zero. Unlike the states of points (sticking or sliding either way), whi
 from one Newton step to the next where neighbours are tied by stiff yarns, p, q and tau
 move continuously, so that few steps are enough however sharp the law is (Mehrotra, SIAM
 J. Optim. 1992; Bleyer, CMAME 2018, for viscoplastic flow). A creep of zero is Coulomb.
+
+The quadrature points with such a stress are plain arrays here.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
+import basix
 import numpy as np
+import ufl
+from dolfinx import fem
 from numpy.typing import NDArray
+from ufl.algorithms import expand_derivatives
+from ufl.constantvalue import Zero
+
+from forms.friction import PointFriction
+from wovenfab.model.assembly import compile_expression
+from wovenfab.model.memory import PointValues
 
 Array = NDArray[np.float64]
 #: Start of the method: largest stress over its bound, and p and q over a large increment.
@@ -23,6 +36,8 @@ START_STRESS, START_SLIP = 0.5, 0.1
 LEAST, MOST = 0.1, 10.0
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
+#: Least bound that varies, N/m^2: a point of none is left out for good, which such a one is not.
+LEAST_BOUND = 1e-6
 
 
 @dataclass(frozen=True)
@@ -162,3 +177,174 @@ class InteriorPoint:
         least = CLOSEST * self.bound
         above, below = self.bound - self.stress, self.bound + self.stress
         return np.maximum(above, least), np.maximum(below, least)
+
+
+class _PointRule:
+    """The points of one friction on this rank's own cells; values by cell, point, component."""
+
+    def __init__(self, friction: PointFriction, direction: fem.Function) -> None:
+        space = friction.stress.function_space
+        mesh = self._mesh = space.mesh
+        own = mesh.topology.index_map(2).size_local
+        self.cells = np.arange(own, dtype=np.int32)
+        self._dofs = space.dofmap.list[:own]
+        self._size = friction.size
+        self.friction = friction
+        points, weights = basix.make_quadrature(basix.CellType.triangle, friction.degree)
+        self._rule = points
+        self._increment = compile_expression(friction.increment(), points)
+        self._change = compile_expression(friction.change(direction), points)
+        creep = friction.creep()
+        self._creep = None if creep is None else compile_expression(creep, points)
+        given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
+        self._given, self.varies = (
+            compile_expression(given, points),
+            bool(friction.term.effect.memory),
+        )
+        area, _ = self.at(self._given).reshape(-1, 2).T
+        self.area = np.repeat(area * np.tile(weights, own), self._size)
+
+    @property
+    def bound(self) -> Array:
+        """The largest stress; it may vary with internal variables, and then come back from zero."""
+        _, bound = self.at(self._given).reshape(-1, 2).T
+        return np.repeat(np.maximum(bound, LEAST_BOUND) if self.varies else bound, self._size)
+
+    def increments(self) -> Array:
+        return self.at(self._increment)
+
+    def changes(self) -> Array:
+        return self.at(self._change)
+
+    def creep(self) -> Array:
+        """Return the creep and its slope, shape (2, n)."""
+        if self._creep is None:
+            return np.zeros((2, self.area.size))
+        values = self.at(self._creep).reshape(-1, 2, self._size)
+        return np.swapaxes(values, 0, 1).reshape(2, -1)
+
+    def compiled(self, symbol: Any) -> fem.Expression:
+        """Return a scalar or vector as an expression of as many components as the stress."""
+        shape = ufl.as_ufl(symbol).ufl_shape
+        one = fem.Constant(self._mesh, 1.0)  # FFCx takes no expression that is a plain number
+        rows = [one * (symbol[i] if shape else symbol) for i in range(self._size)]
+        return compile_expression(ufl.as_vector(rows), self._rule)
+
+    def put(self, function: fem.Function, values: Array) -> None:
+        rows = function.x.array.reshape(-1, self._size)
+        rows[self._dofs] = values.reshape(*self._dofs.shape, self._size)
+
+    def at(self, expression: fem.Expression) -> Array:
+        values: Array = expression.eval(self._mesh, self.cells)
+        return values.ravel()
+
+
+class FrictionPoints:
+    """All points of some frictions on this rank that have a bound above zero, one by one.
+
+    Attributes:
+        bound: Largest stress zeta at each, shape (n,), as are all values here.
+        area: Area that each stands for, m^2.
+        creeps: Whether any law creeps below its bound.
+    """
+
+    def __init__(self, frictions: Sequence[PointFriction], space: fem.FunctionSpace) -> None:
+        """Evaluate bounds and areas.
+
+        Args:
+            frictions: The frictions.
+            space: Space of the placements.
+        """
+        self._direction = fem.Function(space)
+        self._rules = [_PointRule(f, self._direction) for f in frictions]
+        everywhere = np.concatenate([r.bound for r in self._rules])
+        self._acting = everywhere > 0
+        self._ends = np.cumsum([r.area.size for r in self._rules])[:-1]
+        self._comm = space.mesh.comm
+        self.bound = everywhere[self._acting]
+        self.area = np.concatenate([r.area for r in self._rules])[self._acting]
+        self.creeps = any(not f.term.effect.set_valued for f in frictions)
+
+    def renew(self) -> bool:
+        """Evaluate the bounds anew if they vary; return whether they do."""
+        varies = any(rule.varies for rule in self._rules)
+        if varies:
+            self.bound[:] = self._all(lambda rule: rule.bound)
+        return varies
+
+    def increments(self) -> Array:
+        """Return the increments b of the model's present field."""
+        return self._all(_PointRule.increments)
+
+    def changes(self, direction: Array) -> Array:
+        """Return the change of b along a direction of own unknowns (m); collective."""
+        self._direction.x.array[: len(direction)] = direction
+        self._direction.x.scatter_forward()
+        return self._all(_PointRule.changes)
+
+    def creep(self) -> tuple[Array, Array]:
+        """Return b below the bound and its slope by the stress, at the forms' stresses."""
+        both = np.hstack([rule.creep() for rule in self._rules])[:, self._acting]
+        return both[0], both[1]
+
+    def put_stress(self, values: Array) -> None:
+        """Give the forms these stresses."""
+        self._put(values, lambda f: f.stress)
+
+    def put_tangent(self, values: Array) -> None:
+        """Give the forms these tangents d tau/d b."""
+        self._put(values, lambda f: f.tangent)
+
+    def by_cell(self, values: Array) -> PointValues:
+        """Return values by friction and cell."""
+        parts = zip(self._rules, self._parts(values), strict=True)
+        return PointValues(tuple(part.reshape(len(rule.cells), -1) for rule, part in parts))
+
+    def of_cells(self, values: PointValues) -> Array:
+        """Return values that were given by friction and cell."""
+        everywhere: Array = np.concatenate([part.ravel() for part in values.parts])
+        return everywhere[self._acting]
+
+    def largest(self, values: Array) -> Array:
+        """Return for each value the largest absolute one of its friction; collective."""
+        mine = [float(np.abs(part).max(initial=0.0)) for part in self._parts(values)]
+        most = np.max(self._comm.allgather(mine), axis=0)
+        sizes = [rule.area.size for rule in self._rules]
+        repeated: Array = np.repeat(most, sizes)[self._acting]
+        return repeated
+
+    def one_by_one(self) -> list[Array]:
+        """Return for each friction an array that is one at its points, zero at the others."""
+        parts = self._parts(np.ones_like(self.bound))
+        return [
+            np.concatenate([p * float(i == k) for k, p in enumerate(parts)])[self._acting]
+            for i in range(len(parts))
+        ]
+
+    def compiled(self, symbols: Sequence[Any]) -> list[fem.Expression | None]:
+        """Return one expression for each friction, compiled at its points; collective.
+
+        Args:
+            symbols: Scalars or vectors; zero gives None.
+        """
+        expanded = [expand_derivatives(ufl.as_ufl(symbol)) for symbol in symbols]
+        pairs = zip(self._rules, expanded, strict=True)
+        return [None if isinstance(s, Zero) else rule.compiled(s) for rule, s in pairs]
+
+    def values(self, expressions: Sequence[fem.Expression | None]) -> Array:
+        """Return the values of such expressions."""
+        pairs = zip(self._rules, expressions, strict=True)
+        parts = [np.zeros(r.area.size) if e is None else r.at(e) for r, e in pairs]
+        return np.concatenate(parts)[self._acting]
+
+    def _all(self, of: Callable[[_PointRule], Array]) -> Array:
+        return np.concatenate([of(rule) for rule in self._rules])[self._acting]
+
+    def _parts(self, values: Array) -> list[Array]:
+        everywhere = np.zeros(self._acting.size)
+        everywhere[self._acting] = values
+        return np.split(everywhere, self._ends)
+
+    def _put(self, values: Array, where: Callable[[PointFriction], Any]) -> None:
+        for rule, part in zip(self._rules, self._parts(values), strict=True):
+            rule.put(where(rule.friction), part)

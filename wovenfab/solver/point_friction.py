@@ -27,8 +27,7 @@ from petsc4py import PETSc
 from forms.effect import Target, along_fields, by_parameter
 from forms.friction import PointFriction
 from wovenfab.model.model import Model
-from wovenfab.solver.friction_points import FrictionPoints
-from wovenfab.solver.interior_point import Aim, Increment, InteriorPoint
+from wovenfab.solver.interior_point import Aim, FrictionPoints, Increment, InteriorPoint
 from wovenfab.solver.linear import LinearSolver
 
 Array = NDArray[np.float64]

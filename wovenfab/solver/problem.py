@@ -237,6 +237,23 @@ class Problem:
         """Return the incremental potential (J) of the model's present field; collective."""
         return assemble_scalar(self.model.potential, self.model.comm)
 
+    def stiffness_along(self, displacement: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the tangent times a displacement of held unknowns (N) at own unknowns; collective.
+
+        Only cells at held edges have a part in it.
+
+        Args:
+            displacement: Unknowns with ghosts, zero where they are not held.
+        """
+        b = self.residual
+        with b.localForm() as local:
+            local.set(0.0)
+        with self.constraints.prescribed(displacement) as bcs:
+            for form in self.model.jacobian:
+                fem_petsc.apply_lifting(b, [form], [bcs], alpha=-1.0)
+        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        return np.array(b.array_r)
+
     def force_of(self, forms: Any) -> NDArray[np.float64]:
         """Return the force (N) of other linear forms at own unknowns."""
         assemble_vector(self.residual, forms)

@@ -1,4 +1,4 @@
-"""The load program: displacement against time, and the times that must be hit."""
+"""The load program: displacement or force against time, and the times that must be hit."""
 
 from __future__ import annotations
 
@@ -19,18 +19,21 @@ class Segment:
     Attributes:
         duration: s.
         steps: Number of planned steps.
-        path: Displacement (m) against the time since its start (s).
+        path: Value, a displacement (m) or a force (N), against the time since its start (s) and
+            the value that was there when the kind of value last changed.
         jump: The velocity jumps at its start.
         starts_cycle: A load cycle starts with it.
         ends_cycle: A load cycle ends with it.
+        force: Its values are forces.
     """
 
     duration: float
     steps: int
-    path: Callable[[float], float]
+    path: Callable[[float, float], float]
     jump: bool
     starts_cycle: bool = False
     ends_cycle: bool = False
+    force: bool = False
 
 
 @dataclass(frozen=True)
@@ -39,12 +42,13 @@ class Milestone:
 
     Attributes:
         time: s.
-        displacement: m.
+        value: Displacement (m) or force (N). Where it depends on the value at a change from one
+            to the other, that one counts as zero.
         jump: The velocity jumps here.
     """
 
     time: float
-    displacement: float
+    value: float
     jump: bool = False
 
 
@@ -58,23 +62,55 @@ class Program:
 
     milestones: tuple[Milestone, ...]
     _stretches: tuple[Segment, ...]
+    _places: tuple[tuple[Segment, float], ...]  # of the milestones
 
     @cached_property
-    def _planned(self) -> dict[float, float]:
-        return {m.time: m.displacement for m in self.milestones}
+    def _planned(self) -> dict[float, tuple[Segment, float]]:
+        return {m.time: place for m, place in zip(self.milestones, self._places, strict=True)}
 
-    def displacement(self, time: float) -> float:
-        """Return the displacement (m) at a time (s); the end value beyond the end."""
+    def _place(self, time: float) -> tuple[Segment, float]:
+        """Return the stretch that leads to a time (s), and the time since its start (s)."""
         if time in self._planned:  # bit for bit, which t - start could miss
             return self._planned[time]
         number = bisect_left(self._ends, time)
         if number == len(self._ends):
-            return self.milestones[-1].displacement
-        return self._stretches[number].path(time - (self._ends[number - 1] if number else 0.0))
+            return self._places[-1]
+        return self._stretches[number], time - (self._ends[number - 1] if number else 0.0)
 
     @cached_property
     def _ends(self) -> list[float]:
         return list(accumulate(s.duration for s in self._stretches))
+
+    def value(self, time: float, before: float = 0.0) -> float:
+        """Return the displacement (m) or force (N) at a time (s); the end value beyond the end.
+
+        Args:
+            time: s.
+            before: The value that was there when the program last changed from displacements to
+                forces or back.
+        """
+        segment, since = self._place(time)
+        return segment.path(since, before)
+
+    def prescribes_force(self, time: float) -> bool:
+        """Return whether a force is prescribed on the way to a time (s)."""
+        return self._place(time)[0].force
+
+    @cached_property
+    def changes(self) -> dict[float, bool]:
+        """Times (s) from which forces are prescribed after displacements (true), or the reverse."""
+        time, force, found = 0.0, False, {}
+        for s, end in zip(self._stretches, self._ends, strict=True):
+            if s.force != force:
+                found[time] = s.force
+            time, force = end, s.force
+        return found
+
+    @cached_property
+    def largest_force(self) -> float:
+        """The largest planned force, N; zero where none is prescribed."""
+        places = zip(self.milestones, self._places, strict=True)
+        return max((abs(m.value) for m, (s, _) in places if s.force), default=0.0)
 
     @property
     def cycles(self) -> list[tuple[float, float]]:
@@ -90,89 +126,107 @@ class Program:
     @cached_property
     def reversals(self) -> frozenset[float]:
         """Planned times (s) from which the edge moves the other way; after a hold its end."""
-        moves = [
-            (start.time, end.displacement > start.displacement)
-            for start, end in pairwise(self.milestones)
-            if end.displacement != start.displacement
-        ]
+        moves = []
+        for (start, end), (segment, _) in zip(
+            pairwise(self.milestones), self._places[1:], strict=True
+        ):
+            first = segment.path(0.0, 0.0) if start.time in self.changes else start.value
+            if end.value != first:
+                moves.append((start.time, end.value > first))
         return frozenset(time for (_, before), (time, after) in pairwise(moves) if before != after)
 
 
 def program_of(stretches: Sequence[Segment]) -> Program:
     """Return the program that runs through the stretches one after the other."""
-    milestones = [Milestone(0.0, stretches[0].path(0.0), stretches[0].jump)]
+    places = [(stretches[0], 0.0)]
+    milestones = [Milestone(0.0, stretches[0].path(0.0, 0.0), stretches[0].jump)]
     start = 0.0
     for number, s in enumerate(stretches):
         following = stretches[number + 1] if number + 1 < len(stretches) else None
         for i in range(1, s.steps + 1):
             last = i == s.steps
             since = s.duration if last else s.duration * i / s.steps  # the end bit for bit
-            milestones.append(
-                Milestone(
-                    start + since,
-                    s.path(since),
-                    jump=last and following is not None and following.jump,
-                )
-            )
+            jump = last and following is not None and following.jump
+            places.append((s, since))
+            milestones.append(Milestone(start + since, s.path(since, 0.0), jump))
         start += s.duration
-    return Program(tuple(milestones), tuple(stretches))
+    return Program(tuple(milestones), tuple(stretches), tuple(places))
 
 
-def cycle(base: float, amplitude: float, period: float, steps: int) -> list[Segment]:
+#: A value of which is only known that it was there when the program changed to its kind.
+BEFORE = None
+
+
+def cycle(
+    base: float | None, amplitude: float, period: float, steps: int, force: bool = False
+) -> list[Segment]:
     """Return one cycle base + A/2 (1 - cos(2 pi t/T)), split at its reversal.
 
     Args:
-        base: Displacement at its start and end, m.
-        amplitude: A, m.
+        base: Displacement (m) or force (N) at its start and end, or BEFORE.
+        amplitude: A, m or N.
         period: T, s.
         steps: Even number of steps.
+        force: Its values are forces.
     """
 
-    def path(offset: float) -> Callable[[float], float]:
-        return lambda t: base + amplitude / 2 * (1 - cos(2 * pi * (t + offset) / period))
+    def path(offset: float) -> Callable[[float, float], float]:
+        def at(t: float, before: float) -> float:
+            start = before if base is None else base
+            return start + amplitude / 2 * (1 - cos(2 * pi * (t + offset) / period))
+
+        return at
 
     half = period / 2
-    halves = (Segment(half, steps // 2, path(since), jump=False) for since in (0.0, half))
+    halves = (Segment(half, steps // 2, path(t), jump=False, force=force) for t in (0.0, half))
     return load_cycle(list(halves))
 
 
-def ramp(start: float, end: float, duration: float, steps: int) -> Segment:
-    """Return a ramp at constant velocity (m and s); a hold if both ends are equal."""
+def ramp(
+    start: float | None, end: float | None, duration: float, steps: int, force: bool = False
+) -> Segment:
+    """Return a straight line in time (s); a hold if both ends (m or N, or BEFORE) are equal."""
 
-    def path(t: float) -> float:
-        return end if t >= duration else start + (end - start) * (t / duration)
+    def path(t: float, before: float) -> float:
+        first, last = (before if value is None else value for value in (start, end))
+        return last if t >= duration else first + (last - first) * (t / duration)
 
-    return Segment(duration, steps, path, jump=True)
+    return Segment(duration, steps, path, jump=True, force=force)
 
 
 def table(
-    start: float,
+    start: float | None,
     times: Sequence[float],
-    displacements: Sequence[float],
+    values: Sequence[float],
     divisions: Sequence[int] = (),
+    force: bool = False,
 ) -> list[Segment]:
-    """Return one stretch a row of a table, linear in between, beginning at ``start`` (m).
+    """Return one stretch a row of a table, linear in between, beginning at ``start`` (m or N).
 
     The velocity counts as jumping where it changes by more than half of the larger
-    of its values, as at a corner; not from row to row of a sampled smooth curve.
+    of its values, as at a corner; not from row to row of a sampled smooth curve, and not where
+    forces are prescribed, since friction is then continuous as they are.
 
     Args:
-        start: Displacement where it begins, m.
+        start: Displacement (m) or force (N) where it begins, or BEFORE.
         times: Of the rows, s.
-        displacements: Of the rows, m.
+        values: Displacements (m) or forces (N) of the rows.
         divisions: Number of steps to each row from the one before or the start; one unless given.
+        force: The values are forces.
     """
+    first: float | None = values[0]
     if times[0] > 0:
-        times, displacements = (0.0, *times), (start, *displacements)
-    velocity = np.diff(displacements) / np.diff(times)
+        first = start
+        times, values = (0.0, *times), (start or 0.0, *values)
+    velocity = np.diff(values) / np.diff(times)
     before = np.concatenate([[0.0], velocity[:-1]])
     jumps = np.abs(velocity - before) > 0.5 * np.maximum(np.abs(velocity), np.abs(before))
-    rows = pairwise(zip(times, displacements, strict=True))
+    starts = [first, *values[1:]]
+    divisions = divisions or (1,) * len(jumps)
+    rows = zip(pairwise(times), starts, values[1:], jumps, divisions, strict=False)
     return [
-        replace(ramp(d0, d1, t1 - t0, steps), jump=bool(jump))
-        for ((t0, d0), (t1, d1)), jump, steps in zip(
-            rows, jumps, divisions or (1,) * len(jumps), strict=True
-        )
+        replace(ramp(d0, d1, t1 - t0, steps, force), jump=bool(jump) and not force)
+        for (t0, t1), d0, d1, jump, steps in rows
     ]
 
 

@@ -170,7 +170,7 @@ class TangentLinear:
             linear.definite = False
         else:
             self._solver.tangent()
-        action = self._action()
+        action = self._problem.stiffness_along(self._virtual)
         own, force = len(action), np.zeros(len(self.targets))
         virtual, now, self._stresses = self._virtual[:own], self._directions.now, []
         for k in range(len(self.targets)):
@@ -199,7 +199,7 @@ class TangentLinear:
         model.last.x.array[:] = model.field.x.array
         if points:
             points.hold()
-        action = self._action()
+        action = self._problem.stiffness_along(self._virtual)
         own, force = len(action), np.zeros(len(self.targets))
         for k in range(len(self.targets)):
             self._directions.set(k, self._states)
@@ -221,20 +221,6 @@ class TangentLinear:
             local.set(0.0)
         for form in (*forms[f"residual {k}"], *forms["residual along"]):
             fem_petsc.assemble_vector(self._b, form)
-
-    def _action(self) -> Array:
-        """Return K w for the virtual displacement w, at own unknowns (N/m); collective.
-
-        Only cells at held edges have a part in it.
-        """
-        problem, b = self._problem, self._b
-        with b.localForm() as local:
-            local.set(0.0)
-        with problem.constraints.prescribed(self._virtual) as bcs:
-            for form in problem.model.jacobian:
-                fem_petsc.apply_lifting(b, [form], [bcs], alpha=-1.0)
-        b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return np.array(b.array_r)
 
     def _dissipated(self, step: float, jump: bool) -> Array:
         """Return the derivatives of the energy that is dissipated in the step, J by the unit.

@@ -106,13 +106,8 @@ class StabilityLostError(Exception):
         cutbacks: Rejected attempts since the last accepted step.
     """
 
-    def __init__(self, loss: StabilityLoss, followed: bool, cutbacks: int) -> None:
+    def __init__(self, loss: StabilityLoss, remedy: str, cutbacks: int) -> None:
         """Say where and what can be done."""
-        remedy = (
-            "no minimum was found beyond; take smaller steps"
-            if followed
-            else "solver.stability=follow goes on along the branch"
-        )
         super().__init__(f"{loss}; {remedy}")
         self.loss, self.cutbacks = loss, cutbacks
 
@@ -186,7 +181,12 @@ class Stability:
     def error(self, cutbacks: int) -> StabilityLostError:
         """Return the error that ends the run after so many rejected attempts."""
         assert self.loss is not None
-        return StabilityLostError(self.loss, self.follows, cutbacks)
+        remedy = (
+            "no minimum was found beyond; take smaller steps"
+            if self.follows
+            else "solver.stability=follow goes on along the branch"
+        )
+        return StabilityLostError(self.loss, remedy, cutbacks)
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(list(self._problem.constraints.reactions(force).values()))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -18,13 +18,17 @@ from wovenfab.stepping.program import Program
 from wovenfab.stepping.schemes import Scheme, extrapolation
 from wovenfab.stepping.step import StartFailedError
 
+if TYPE_CHECKING:
+    from wovenfab.stepping.force_control import ForceControl
+
 Array = NDArray[np.float64]
 #: Accepted states that are kept: as many as the error estimate in time needs.
 KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
 #: What a later step depends on.
-MEMORY, VARIABLES = ("time", "number", "states", "steps", "at_rest"), "variables"
+MEMORY = "time", "number", "states", "steps", "at_rest", "displacements", "before"
+VARIABLES = "variables"
 
 
 class State:
@@ -35,6 +39,10 @@ class State:
         number: Of accepted steps.
         states: Accepted states, latest first, m.
         steps: Times between them since the velocity last jumped, s.
+        displacements: Displacements of the program in them, m.
+        reached: That at the end of the step that is attempted, m.
+        before: Displacement (m) or force (N) when the program last changed between the two.
+        force_control: Finds the displacement where the program prescribes a force.
         at_rest: Whether the motion began smoothly from rest and its velocity never jumped.
     """
 
@@ -59,6 +67,16 @@ class State:
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
         self.at_rest = True
+        first = program.milestones[0]
+        start = 0.0 if program.prescribes_force(first.time) else first.value
+        self.displacements = [start] * KEPT
+        self.reached, self.before = start, 0.0
+        self.force_control: ForceControl | None = None
+
+    @property
+    def displacement(self) -> float:
+        """Displacement of the program in the last accepted state, m."""
+        return self.displacements[0]
 
     def begin(self) -> None:
         """Take the present state as that at all earlier times, too."""
@@ -83,16 +101,32 @@ class State:
             until: Time at its end, s.
             jump: The velocity jumps at its start.
         """
-        model, scheme = self._model, self._scheme
-        step = until - self.time
-        start, end = (self._program.displacement(t) for t in (self.time, until))
-        self._solver.problem.prescribe(start + scheme.stage * (end - start))
-        if model.rate_weights:
-            self._set_rate(scheme.weights(self.lengths(step, jump)))
+        program, step = self._program, until - self.time
+        if self._model.rate_weights:
+            self._set_rate(self._scheme.weights(self.lengths(step, jump)))
         if self._memory:
             self._memory.begin(self.states[0], step)
-        model.last.x.array[:] = self.states[0]
-        self._predict(until, scheme.stage * step, jump)
+        value = program.value(until, self.before)
+        extrapolated = self._predict(until, self._scheme.stage * step, jump)
+        if not program.prescribes_force(until):
+            return self.solve_for(value)
+        assert self.force_control is not None
+        self.reached = self.displacement
+        if extrapolated:
+            past = [np.array(u) for u in self.displacements]
+            self.reached += float(extrapolation(past, self.steps, step))
+        start = self.before
+        if self.time not in program.changes:
+            start = program.value(self.time, self.before)
+        value = start + self._scheme.stage * (value - start)
+        scale = max(abs(value), abs(self.before), program.largest_force)
+        return self.force_control.solve(self, value, scale)
+
+    def solve_for(self, displacement: float) -> SolveResult:
+        """Solve for the stage state of a step that ends at a displacement (m); collective."""
+        start, self.reached = self.displacement, displacement
+        self._solver.problem.prescribe(start + self._scheme.stage * (displacement - start))
+        self._model.last.x.array[:] = self.states[0]
         return self._solver.solve()
 
     def finish(self, until: float, jump: bool) -> Array:
@@ -109,7 +143,7 @@ class State:
             field[:] = self.states[0] + change
             if model.rate_weights:
                 self._set_rate(scheme.weights_at_end(self.lengths(step, jump)))
-            model.loading.set(self._program.displacement(until))
+            model.loading.set(self.reached)
         return change
 
     def accept(self, until: float, jump: bool) -> None:
@@ -123,6 +157,7 @@ class State:
         if self._memory:
             self._memory.accept()
         self.states = [self._model.field.x.array.copy(), *self.states[: KEPT - 1]]
+        self.displacements = [self.reached, *self.displacements[: KEPT - 1]]
         self.steps = [until - self.time, *([] if jump else self.steps[: KEPT - 2])]
         self.at_rest &= not jump
         self.time = until
@@ -152,19 +187,25 @@ class State:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _predict(self, until: float, ahead: float, jump: bool) -> None:
-        """Start from a guess or the extrapolated state, unless that would cross the families."""
+    def _predict(self, until: float, ahead: float, jump: bool) -> bool:
+        """Start from a guess or the extrapolated state, unless that would cross the families.
+
+        Returns:
+            Whether it is the extrapolated state.
+        """
         field = self._model.field.x.array
         field[:] = self.states[0]
         far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
         if (guess := self.initial_guess(until)) is not None:
             change = self._scheme.stage * (guess - self.states[0])
         elif far or not self._predicts:
-            return
+            return False
         else:
             change = extrapolation(self.states, self.steps, ahead)
         if self._solver.crossing.limit(change) > 2.0:
             field[:] += change
+            return guess is None
+        return False
 
 
 def equilibrate(

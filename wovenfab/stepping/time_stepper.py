@@ -13,7 +13,7 @@ from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.schemes import Scheme
-from wovenfab.stepping.stability import Stability, StabilityLoss, Treatment
+from wovenfab.stepping.stability import Stability, StabilityLoss, StabilityLostError, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
@@ -134,6 +134,18 @@ class TimeStepper:
         virtual = self._problem.constraints.virtual_displacement(edge, direction)
         self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, virtual, **more)
 
+    def control_force(self, edge: str, direction: tuple[float, float]) -> None:
+        """Find the displacement from the force of an edge where the program is a force; collective.
+
+        Args:
+            edge: The driven edge.
+            direction: Direction of its force, a unit vector.
+        """
+        from wovenfab.stepping.force_control import ForceControl
+
+        virtual = self._problem.constraints.virtual_displacement(edge, direction)
+        self._state.force_control = ForceControl(self._solver, virtual, self._stability.refuses)
+
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
 
@@ -183,11 +195,12 @@ class TimeStepper:
         first = self._program.milestones[0]
         self._state.restore()
         result, self._cutbacks = equilibrate(
-            self._solver, first.displacement, self._smallest, self._stability.refuses
+            self._solver, self._state.displacement, self._smallest, self._stability.refuses
         )
         self._state.begin()
         if result is not None:
             self._balance.begin()
+        self._note_change()
         if self._tangent_linear:
             self._tangent_linear.begin(result is None)
         step, self.begun, self._cutbacks = self._record(result, first), True, 0
@@ -226,6 +239,7 @@ class TimeStepper:
                 if self._tangent_linear:
                     self._tangent_linear.finish()
                 state.accept(until, jump)
+                self._note_change()
                 if self._time_error is None:
                     step_size.accepted(length, result.tangents)
                 loss = self._stability.passed()
@@ -252,12 +266,12 @@ class TimeStepper:
             if saddle:
                 step_size.bisect(until, length)
             elif not step_size.reduce(length, planned):
+                self._check_limit_point(until)
                 from wovenfab.solver.diagnosis import diagnose
 
                 diagnosis = diagnose(self._solver, result, state.states[0])
-                displacement = self._program.displacement(until)
                 raise StepFailedError(
-                    until, displacement, length, result, self._cutbacks, diagnosis
+                    until, state.reached, length, result, self._cutbacks, diagnosis
                 )
             state.restore()
 
@@ -288,17 +302,40 @@ class TimeStepper:
             fault = unsound_penalty(self._solver)
         if fault:
             self._state.restore()
-            displacement, step = self._program.displacement(until), until - self._state.time
-            raise UnsoundSheetError(until, displacement, step, result, 0, fault)
+            step = until - self._state.time
+            raise UnsoundSheetError(until, self._state.reached, step, result, 0, fault)
+
+    def _note_change(self) -> None:
+        """Note where the program changes from displacements to forces or back."""
+        state, control = self._state, self._state.force_control
+        if control is not None and state.time in self._program.changes:
+            force = self._program.changes[state.time]
+            state.before = control.of(self._balance.forces.force) if force else state.displacement
+
+    def _check_limit_point(self, until: float) -> None:
+        """Refuse a force beyond a limit point."""
+        state, control = self._state, self._state.force_control
+        if control is None or control.beyond is None:
+            return
+        beyond, reactions = control.beyond, self._problem.constraints.reactions
+        loss = StabilityLoss(
+            state.time, state.displacement, until - state.time,
+            beyond.displacement - state.displacement, reactions(self._balance.forces.force),
+            negatives=1, saddle=beyond.field, mode=beyond.mode,
+        )  # fmt: skip
+        remedy = "it carries no larger force (limit point); prescribe the displacement beyond"
+        state.restore()
+        raise StabilityLostError(loss, remedy, self._cutbacks)
 
     def _beyond_saddle(self, until: float, planned: float, result: SolveResult) -> SolveResult:
         """Return the result, or that of the branch from a saddle next to the last minimum."""
-        share, force = (until - self._state.time) / planned, self._balance.forces.force
+        state, force = self._state, self._balance.forces.force
+        share = (until - state.time) / planned
         if not self._stability.refuses(result) or not self._stability.is_close(
             force, share, self._smallest
         ):
             return result
-        now, then = ((t, self._program.displacement(t)) for t in (self._state.time, until))
+        now, then = (state.time, state.displacement), (until, state.reached)
         return self._stability.leave(now, then, force, result)
 
     def _record(
@@ -311,7 +348,7 @@ class TimeStepper:
         return Step(
             number=self._state.number,
             time=self._state.time,
-            displacement=self._program.displacement(self._state.time),
+            displacement=self._state.displacement,
             reactions=self._problem.constraints.reactions(balance.forces.force),
             stored=self._problem.model.stored_energy(),
             dissipated=dict(balance.dissipated),

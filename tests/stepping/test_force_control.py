@@ -1,0 +1,95 @@
+"""Force control: a displacement-controlled loop is found again from its forces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.scenes import BONDED, PROTOTYPE, PROTOTYPE_TWO_STEPS, SCHEMES, model, sheet, solver
+from wovenfab import CaseError, read_case, simulate
+from wovenfab.stepping.program import Program, cycle, program_of, table
+from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+COARSE = {"discretisation.degree": "2", "discretisation.mesh_size": "150 mm"}
+LAWS = {
+    "bonded": BONDED,
+    "slip": (*BONDED, "coupling", "slip_friction"),
+    "spin": (*BONDED, "spin_friction"),
+    "coulomb": (*BONDED, "coupling", "slip_friction:coulomb"),
+}
+
+
+def forced(names: tuple[str, ...], scheme: str, program: Program) -> tuple[list[Step], list[float]]:
+    """Return all steps, and the force (N) on the right edge where each has its equilibrium."""
+    numerics = PROTOTYPE if scheme == "backward-euler" else PROTOTYPE_TWO_STEPS
+    equilibrium = solver(model(sheet(), names, numerics))
+    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 64)
+    stepper.control_force("right", (1.0, 0.0))
+    steps, forces = [], []
+    for step in stepper.steps():
+        steps.append(step)
+        forces.append(equilibrium.problem.reactions()["right"][0])
+    equilibrium.destroy()
+    return steps, forces
+
+
+@pytest.mark.mpi
+@pytest.mark.parametrize(
+    ("law", "scheme"),
+    [
+        ("bonded", "bdf2"),
+        ("slip", "bdf2"),
+        ("slip", "midpoint"),
+        ("slip", "backward-euler"),
+        ("spin", "bdf2"),
+        ("coulomb", "bdf2"),
+    ],
+)
+def test_the_displacements_of_a_loop_are_found_from_its_forces(law: str, scheme: str) -> None:
+    steps, forces = forced(LAWS[law], scheme, program_of(cycle(0.0, 0.02, 0.2, 12)))
+    targets, stage = [0.0], SCHEMES[scheme].stage
+    for force in forces[1:]:
+        targets.append(targets[-1] + (force - targets[-1]) / stage)
+    times = [step.time for step in steps]
+    again, _ = forced(LAWS[law], scheme, program_of(table(0.0, times, targets, force=True)))
+    assert [step.time for step in again] == times
+    found, wanted = (np.array([s.displacement for s in run]) for run in (again, steps))
+    assert np.abs(found - wanted).max() <= 1e-6 * np.abs(wanted).max()
+
+
+def test_a_held_force_creeps_and_a_displacement_held_after_it_stays() -> None:
+    program = (
+        "[{type: ramp, to: 100 N, duration: 0.1 s, steps: 4}, {type: hold, duration: 1 s, "
+        "steps: 6}, {type: hold, duration: 1 s, steps: 3, control: displacement}, "
+        "{type: ramp, to: 0 N, duration: 0.1 s, steps: 4}]"
+    )
+    run = simulate(read_case(CONFIGS / "bias-1x3.yaml", {**COARSE, "program": program}))
+    force, moved = run.history["force"], run.history["displacement"]
+    assert force[4:11] == pytest.approx(100.0, rel=1e-6)
+    assert moved[10] > 1.05 * moved[4]
+    assert set(moved[10:14]) == {moved[10]}
+    assert force[-1] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("{type: cycles, amplitudes: [5 N, 1 mm], frequency: 1 Hz}", "all lengths or all forces"),
+        ("{type: cycles, amplitudes: 5 N, max_velocity: 1 m/s}", "has a frequency"),
+        ("{type: ramp, to: 5 N, velocity: 1 m/s}", "has a duration"),
+        (
+            "[{type: ramp, to: 5 N, duration: 1 s}, {type: ramp, to: 1 mm, velocity: 1 m/s}]",
+            "is not known",
+        ),
+    ],
+)
+def test_a_program_of_forces_that_cannot_be_is_refused(program: str, words: str) -> None:
+    with pytest.raises(CaseError, match=words):
+        read_case(
+            CONFIGS / "bias-1x3.yaml",
+            ["program=null", f"program={program}"],
+        )
