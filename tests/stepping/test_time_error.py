@@ -9,9 +9,8 @@ import pytest
 
 from tests import scenes
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES, end_weights
+from wovenfab.stepping.schemes import SCHEMES, end_weights, rate_error
 from wovenfab.stepping.step import Step
-from wovenfab.stepping.time_error import rate_error
 from wovenfab.stepping.time_stepper import TimeStepper
 
 

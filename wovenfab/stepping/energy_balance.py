@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,8 @@ from numpy.typing import NDArray
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.stepping.schemes import Scheme
+from wovenfab.stepping.schemes import Scheme, StepError
 from wovenfab.stepping.state import State
-
-if TYPE_CHECKING:
-    from wovenfab.stepping.time_error import StepError
 
 Array = NDArray[np.float64]
 #: Sums over the steps.
@@ -98,8 +95,6 @@ class EnergyBalance:
         }
         self.forces = Forces(**forces)
         if snapshot["error"]:
-            from wovenfab.stepping.time_error import StepError
-
             self.error = StepError(**snapshot["error"])
 
     def add(self, state: State, until: float, jump: bool, error: StepError | None) -> None:

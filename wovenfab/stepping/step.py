@@ -14,8 +14,8 @@ from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
     from wovenfab.solver.diagnosis import Diagnosis
+    from wovenfab.stepping.schemes import StepError
     from wovenfab.stepping.sensitivity import Derivatives
-    from wovenfab.stepping.time_error import StepError
 
 
 @dataclass(frozen=True)

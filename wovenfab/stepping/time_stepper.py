@@ -12,7 +12,7 @@ from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
 from wovenfab.stepping.program import Milestone, Program
-from wovenfab.stepping.schemes import Scheme
+from wovenfab.stepping.schemes import Scheme, StepError, TimeErrorEstimator
 from wovenfab.stepping.stability import Stability, StabilityLoss, StabilityLostError, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
@@ -20,7 +20,6 @@ from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, Unsou
 if TYPE_CHECKING:
     from forms.effect import Target
     from wovenfab.stepping.sensitivity import TangentLinear
-    from wovenfab.stepping.time_error import StepError, TimeErrorEstimator
 
 logger = logging.getLogger(__name__)
 
@@ -63,8 +62,6 @@ class TimeStepper:
         self._step_size = step_size(smallest_step)
         self._time_error: TimeErrorEstimator | None = None
         if tolerance and scheme.measures_error and solver.problem.model.history:
-            from wovenfab.stepping.time_error import TimeErrorEstimator
-
             self._time_error = TimeErrorEstimator(solver, scheme, tolerance)
         self._stability = Stability(solver, treatment)
         self._state = State(solver, program, scheme, predict)
