@@ -85,6 +85,11 @@ def test_a_held_force_creeps_and_a_displacement_held_after_it_stays() -> None:
             "[{type: ramp, to: 5 N, duration: 1 s}, {type: ramp, to: 1 mm, velocity: 1 m/s}]",
             "is not known",
         ),
+        (
+            "[{type: ramp, to: 5 N, duration: 1 s}, "
+            "{type: trapezoid, to: 1 mm, velocity: 1 m/s, hold: 1 s}]",
+            "Ramp to a displacement first",
+        ),
     ],
 )
 def test_a_program_of_forces_that_cannot_be_is_refused(program: str, words: str) -> None:

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from wovenfab.case import Cycles, Hold, Ramp, Table
-from wovenfab.simulation.from_case import program_of_case
-from wovenfab.stepping.program import Program, cycle, program_of, ramp, table
+from wovenfab.stepping.program import Program, cycle, program_of, program_of_case, ramp, table
 
 AMPLITUDES = (0.02, 0.037, 0.0403)
 

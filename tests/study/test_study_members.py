@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import CaseError, Rectangle
-from wovenfab.simulation.from_case import program_of_case
+from wovenfab.stepping.program import program_of_case
 from wovenfab.study.sweep import Member, members_of
 from wovenfab.study.variations import grid, is_sweep_file, read_over, read_sweep_file
 

@@ -286,7 +286,10 @@ def joints(program: Sequence[Segment]) -> Iterator[tuple[KeyPath, str, str]]:
                     yield ("program", i, "to"), already, "Use {type: hold} to wait."
                 if here is None and segment.velocity:
                     unknown = "where it starts is not known, since a force was prescribed before"
-                    yield ("program", i, "velocity"), unknown, "Give a duration instead."
+                    remedy = "Ramp to a displacement first."
+                    if isinstance(segment, Ramp):
+                        remedy = "Give a duration instead."
+                    yield ("program", i, "velocity"), unknown, remedy
                 here = here if isinstance(segment, Trapezoid) else end
             case Table(samples=samples):
                 path, start = ("program", i, "file"), samples.displacements[0]

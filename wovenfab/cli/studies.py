@@ -18,8 +18,8 @@ from wovenfab.cli.console import (
     is_launched,
 )
 from wovenfab.record.results import write_csv
-from wovenfab.simulation.from_case import program_of_case
 from wovenfab.simulation.progress import Progress
+from wovenfab.stepping.program import program_of_case
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file

@@ -27,7 +27,7 @@ from wovenfab.parallel import from_root, on_root
 from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
 from wovenfab.record.results import NothingToResumeError
-from wovenfab.simulation.from_case import program_of_case
+from wovenfab.stepping.program import program_of_case
 from wovenfab.stepping.step import Step
 
 if TYPE_CHECKING:

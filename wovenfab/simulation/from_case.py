@@ -1,4 +1,4 @@
-"""From a case to the sheet, model, constraints, program and solver that it describes.
+"""From a case to the sheet, model, constraints and solver that it describes.
 
 Numbers stay numbers, formulas become functions of the position.
 """
@@ -20,20 +20,14 @@ from wovenfab.case import (
     Case,
     CaseError,
     Component,
-    Cycles,
     EdgeCondition,
     Expression,
-    Hold,
-    Ramp,
     Rectangle,
     SheetFile,
-    Table,
-    Trapezoid,
     conditions_of,
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
-from wovenfab.case.program import prescribe_forces
 from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
@@ -50,15 +44,6 @@ from wovenfab.sheet.sheet import (
 )
 from wovenfab.simulation.progress import require_possible
 from wovenfab.solver.problem import SolverOptions
-from wovenfab.stepping.program import (
-    Program,
-    Segment,
-    cycle,
-    load_cycle,
-    program_of,
-    ramp,
-    table,
-)
 from wovenfab.stepping.schemes import SCHEMES, Scheme
 
 if TYPE_CHECKING:
@@ -357,47 +342,6 @@ def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
         x, y = (float(c.held and (c.moves or not moved)) for c in edge.components)
     size = (x * x + y * y) ** 0.5
     return name, (x / size, y / size)
-
-
-def program_of_case(case: Case) -> Program:
-    """Return the load program of a case; each segment starts where the last one ended."""
-    stretches: list[Segment] = []
-    position: float | None = 0.0
-    before = False
-    for segment, force in zip(case.program, prescribe_forces(case.program), strict=True):
-        position = position if force == before else None
-        added, position = _stretches(segment, position, case.time.steps_per_cycle, force)
-        stretches, before = stretches + added, force
-    return program_of(stretches)
-
-
-def _stretches(
-    segment: Any, start: float | None, per_cycle: int, force: bool = False
-) -> tuple[list[Segment], float | None]:
-    """Return a segment's stretches and the displacement (m) or force (N) at its end."""
-    match segment:
-        case Cycles():
-            turns = (cycle(start, a, period, per_cycle, force) for a, period in segment.turns())
-            return [stretch for turn in turns for stretch in turn], start
-        case Ramp(to=end, steps=steps):
-            duration = segment.duration or 1.0
-            if segment.velocity and start is not None:
-                duration = abs(end - start) / segment.velocity
-            return [ramp(start, end, duration, steps, force)], end
-        case Hold(duration=duration, steps=steps):
-            return [ramp(start, start, duration, steps, force)], start
-        case Trapezoid(repeat=repeat):
-            assert start is not None
-            position: float | None = start
-            once = list[Segment]()
-            for part in segment.parts(start):
-                added, position = _stretches(part, position, per_cycle)
-                once += added
-            return load_cycle(once) * repeat, start
-    assert isinstance(segment, Table)
-    samples, divisions = segment.samples, segment.divisions
-    values = samples.displacements
-    return table(start, samples.times, values, divisions, force), values[-1]
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

@@ -23,13 +23,13 @@ from wovenfab.simulation.from_case import (
     in_case,
     model_of,
     options_of,
-    program_of_case,
     require_values,
     scheme_of,
 )
 from wovenfab.simulation.progress import Interruption, Stopwatch, require_memory, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import OptionError, Problem, SolverOptions
+from wovenfab.stepping.program import program_of_case
 from wovenfab.stepping.stability import StabilityLostError, Treatment
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper

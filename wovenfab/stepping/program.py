@@ -8,8 +8,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import accumulate, pairwise
 from math import cos, pi
+from typing import Any
 
 import numpy as np
+
+from wovenfab.case import Case, Cycles, Hold, Ramp, Table, Trapezoid
+from wovenfab.case.program import prescribe_forces
 
 
 @dataclass(frozen=True)
@@ -235,3 +239,44 @@ def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
     first, *others = stretches
     *between, last = others
     return [replace(first, starts_cycle=True), *between, replace(last, ends_cycle=True)]
+
+
+def program_of_case(case: Case) -> Program:
+    """Return the load program of a case; each segment starts where the last one ended."""
+    stretches: list[Segment] = []
+    position: float | None = 0.0
+    before = False
+    for segment, force in zip(case.program, prescribe_forces(case.program), strict=True):
+        position = position if force == before else None
+        added, position = _stretches(segment, position, case.time.steps_per_cycle, force)
+        stretches, before = stretches + added, force
+    return program_of(stretches)
+
+
+def _stretches(
+    segment: Any, start: float | None, per_cycle: int, force: bool = False
+) -> tuple[list[Segment], float | None]:
+    """Return a segment's stretches and the displacement (m) or force (N) at its end."""
+    match segment:
+        case Cycles():
+            turns = (cycle(start, a, period, per_cycle, force) for a, period in segment.turns())
+            return [stretch for turn in turns for stretch in turn], start
+        case Ramp(to=end, steps=steps):
+            duration = segment.duration or 1.0
+            if segment.velocity and start is not None:
+                duration = abs(end - start) / segment.velocity
+            return [ramp(start, end, duration, steps, force)], end
+        case Hold(duration=duration, steps=steps):
+            return [ramp(start, start, duration, steps, force)], start
+        case Trapezoid(repeat=repeat):
+            assert start is not None
+            position: float | None = start
+            once = list[Segment]()
+            for part in segment.parts(start):
+                added, position = _stretches(part, position, per_cycle)
+                once += added
+            return load_cycle(once) * repeat, start
+    assert isinstance(segment, Table)
+    samples, divisions = segment.samples, segment.divisions
+    values = samples.displacements
+    return table(start, samples.times, values, divisions, force), values[-1]
