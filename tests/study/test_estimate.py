@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, Cycles, Ramp, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
@@ -273,3 +273,11 @@ def test_steps_are_thinned_alike_in_all_segments() -> None:
     case = case_of("bias-1x3", "time.steps_per_cycle=80", f"program=[{cycles}, {hold}]")
     assert case.planned_steps == 100
     assert with_steps(case, 0.25).planned_steps == 25
+
+
+def test_where_nothing_depends_on_the_past_a_trial_is_the_way_to_the_largest_displacement() -> None:
+    elastic = case_of("bias-1x3", "effects.slip_friction=null", "program.amplitudes=[10 mm, 30 mm]")
+    (segment,) = trial_of(elastic, 1e-2).program
+    assert isinstance(segment, Ramp) and segment.to == pytest.approx(0.03)
+    (segment,) = trial_of(case_of("bias-1x3"), 1e-2).program
+    assert isinstance(segment, Cycles) and segment.amplitudes == (0.06,)

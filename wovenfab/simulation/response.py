@@ -17,7 +17,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, Cycles
+from wovenfab.case import Case, Cycles, Ramp
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.sheet.sheet import Sheet
@@ -217,18 +217,21 @@ def with_elements(case: Case, **changes: object) -> Case:
 def trial_of(case: Case, accuracy: float) -> Case:
     """Return a shorter case with the same accuracy: only the largest of its cycles.
 
+    Where nothing depends on the past, a cycle is only the way to its largest displacement.
     Forces balance to the root of the solver's tolerance at least; responses will be compared to
     the accuracy.
     """
-    program = tuple(
-        s.model_copy(update={"amplitudes": (max(s.amplitudes),), "repeat": 1})
-        if isinstance(s, Cycles)
-        else s
-        for s in case.program
-    )
+    program = tuple(_largest_cycle(s) if isinstance(s, Cycles) else s for s in case.program)
+    match program:
+        case (Cycles(amplitudes=(largest,)),) if not case.needs.history:
+            program = (Ramp(to=largest),)
     tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})
     return case.model_copy(update={"program": program, "solver": solver})
+
+
+def _largest_cycle(cycles: Cycles) -> Cycles:
+    return cycles.model_copy(update={"amplitudes": (max(cycles.amplitudes),), "repeat": 1})
 
 
 def with_steps(

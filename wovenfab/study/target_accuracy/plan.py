@@ -35,6 +35,8 @@ MEMORY_SHARE = 0.6
 AIM, ELEMENTS_SHARE = 0.8, 0.75
 #: Scheme of the rates.
 SCHEME = "bdf3"
+#: Steps of a cycle where they have no error.
+WITHOUT_ERROR = 20
 #: Time of all trials of elements without compiling (s): for an accuracy that is usual, so that the
 #: answer comes within a minute, and at most.
 USUAL_ACCURACY, PATIENCE = 0.01, (45.0, 150.0)
@@ -84,6 +86,8 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
     time = case.time
     if case.needs.rate and "scheme" not in time.model_fields_set:
         time = time.model_copy(update={"scheme": SCHEME})
+    if not case.needs.history:
+        time = time.model_copy(update={"steps_per_cycle": WITHOUT_ERROR})
     base = case.model_copy(update={"accuracy": None, "time": time})
     sheet = mesher(base)
     if limits is None:
