@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -56,6 +57,29 @@ def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
     assert further.returncode == 0, further.stderr
     assert [int(row["step"]) for row in rows(results)] == list(range(len(rows(results))))
     assert len(rows(results)) > int(last) + 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_to_a_run_on_two_ranks_lets_both_end_their_step(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(CASE.replace("cycle: 8", "cycle: 20000"))
+    command = [sys.executable, "-m", "wovenfab", "run", "small.yaml", "--ranks", "2"]
+    results = tmp_path / "results" / "small"
+    history = results / "history.csv"
+    with subprocess.Popen(command, cwd=tmp_path, text=True, stderr=subprocess.PIPE) as running:
+        while running.poll() is None and (not history.exists() or len(rows(results)) < 5):
+            time.sleep(0.1)
+        running.send_signal(number)
+        _, told = running.communicate(timeout=15)
+    last = rows(results)[-1]["step"]
+    assert running.returncode == 128 + number
+    assert f"wovenfab: SIGUSR1 after step {last}; 'wovenfab resume results/small' goes on" in told
+    assert json.loads((results / "summary.json").read_text())["ranks"] == 2
+    until = f"{float(rows(results)[-1]['time_s']) * 1.2} s"
+    further = wovenfab("resume", "results/small", "--until", until, cwd=tmp_path)
+    assert further.returncode == 0, further.stderr
+    assert [int(row["step"]) for row in rows(results)] == list(range(len(rows(results))))
 
 
 def test_what_mpirun_does_not_pass_on_any_more_is_printed_to_the_terminal() -> None:

@@ -18,6 +18,7 @@ from wovenfab.cli.console import (
     BAD_INPUT,
     INTERRUPTED,
     Console,
+    is_launched,
     prepare_streams,
 )
 from wovenfab.simulation.progress import signal_behind
@@ -121,6 +122,7 @@ def run(
         bool, typer.Option("--resume", help="Go on where an earlier run of the case has stopped.")
     ] = False,
     until: Until = None,
+    ranks: Ranks = 1,
     verbose: Verbose = 0,
     log: Log = None,
     petsc: Petsc = None,
@@ -131,8 +133,10 @@ def run(
     made or the sheet buckled; 4: results could not be written; 130 or 143: interrupted. All
     results before that are in the directory.
     """
-    from wovenfab.cli.run import run_case
+    from wovenfab.cli.run import launch, run_case
 
+    if ranks > 1 and not is_launched():
+        sys.exit(launch(ranks, sys.argv[1:]))
     code = run_case(
         case,
         output,
@@ -152,6 +156,7 @@ def resume(
     directory: Annotated[Path, _argument(help="The results directory of the run.")],
     overrides: Overrides = None,
     until: Until = None,
+    ranks: Ranks = 1,
     verbose: Verbose = 0,
     log: Log = None,
     petsc: Petsc = None,
@@ -162,7 +167,7 @@ def resume(
     Exit codes as of run.
     """
     case = directory / "case.yaml"
-    run(case, directory, overrides, False, True, until, verbose, log, petsc)
+    run(case, directory, overrides, False, True, until, ranks, verbose, log, petsc)
 
 
 @app.command()

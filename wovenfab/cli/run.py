@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -22,6 +25,7 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
+from wovenfab.parallel import end_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
 
@@ -31,6 +35,44 @@ SLOW_BLAS = (
 )
 #: Part of the path of every BLAS that is fast enough.
 FAST_BLAS = ("openblas", "mkl", "blis", "libflexiblas")
+#: Time between two signals from which the second one ends a run at once, s.
+TWICE = 0.5
+
+
+def launch(ranks: int, arguments: Sequence[str]) -> int:
+    """Run a command of this program by mpirun and return its exit code.
+
+    mpirun kills its ranks half a second after SIGINT or SIGTERM, but hands SIGUSR1 on to them:
+    that is what it gets, and the exit code is that of the signal.
+
+    Args:
+        ranks: Number of MPI ranks.
+        arguments: Arguments of the program.
+    """
+    received: list[tuple[int, float]] = []
+
+    def hand_on(number: int, _: object) -> None:
+        now = time.monotonic()
+        is_second = bool(received) and now - received[0][1] > TWICE
+        received.append((number, now))
+        process.send_signal(signal.SIGTERM if is_second else signal.SIGUSR1)
+
+    command = ["mpirun", "-n", str(ranks), sys.executable, "-P", "-m", "wovenfab", *arguments]
+    try:
+        process = subprocess.Popen(
+            command,
+            env={"OMP_NUM_THREADS": "1", **os.environ},
+            stdin=subprocess.DEVNULL,
+            start_new_session=True,
+            preexec_fn=end_with_parent,
+        )
+    except FileNotFoundError:
+        Console().problem("mpirun is not found: install Open MPI, or leave --ranks out")
+        return BAD_INPUT
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
+        signal.signal(number, hand_on)
+    code = process.wait()
+    return SIGNALLED + received[0][0] if received and code else code
 
 
 def run_case(
