@@ -1,7 +1,8 @@
 """What tutorials and how-to pages tell a reader to do works, read from the pages themselves.
 
 A block under "save as `NAME`" is a file. The commands of all ``sh`` blocks are run in a new
-folder. A ``text`` block without a name is what the commands before it print, but for numbers.
+folder. A ``text`` block without a name is what the commands before it print: with its numbers where
+a page is followed with all of its steps, else but for numbers.
 Comments above a block: ``not tested: WHY``, ``exit code 2``, and ``shorter in tests: COMMAND``,
 which makes the files shorter before the block is run.
 """
@@ -28,6 +29,9 @@ _BLOCK = re.compile(r"^(?:<!-- (.+?) -->\n)?```(\w+)\n(.*?)^```$", re.MULTILINE 
 _NAME = re.compile(r"\bas\s+`([\w.-]+\.\w+)`")
 _RESULT = re.compile(r"`(results/[^`\s]+)`")
 _NUMBER = re.compile(r"\d[\d.e+ -]*")
+_VALUE = re.compile(r"\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+#: How near numbers on a page are to those that are printed, relative.
+NEAR = 0.01
 #: The command, with fewer steps and without the pictures of a run where time matters.
 _COMMAND = """\
 #!/bin/sh
@@ -57,10 +61,23 @@ def blocks(page: Path) -> Iterator[Block]:
         yield Block(found[2], found[3], found[1] or "", names[-1] if names else None)
 
 
-def pattern(printed: str) -> list[str]:
-    """Return the lines of an output without their numbers."""
-    lines = (_NUMBER.sub("#", line.strip()) for line in printed.splitlines())
-    return [line for line in lines if line]
+def lines_of(printed: str) -> list[tuple[str, list[float]]]:
+    """Return each line of an output without its numbers, and these."""
+    lines = filter(None, map(str.strip, printed.splitlines()))
+    return [(_NUMBER.sub("#", line), [*map(float, _VALUE.findall(line))]) for line in lines]
+
+
+def missing(shown: str, printed: str, numbers: bool) -> list[tuple[str, list[float]]]:
+    """Return the lines that a page shows and a command did not print."""
+    there = lines_of(printed)
+    return [
+        (words, values)
+        for words, values in lines_of(shown)
+        if not any(
+            words == other and (not numbers or values == pytest.approx(others, rel=NEAR))
+            for other, others in there
+        )
+    ]
 
 
 def follow(page: Path, folder: Path, short: bool) -> None:
@@ -78,8 +95,8 @@ def follow(page: Path, folder: Path, short: bool) -> None:
         if block.file:
             (folder / block.file).write_text(block.text)
         elif block.language == "text":
-            missing = set(pattern(block.text)) - set(pattern(printed))
-            assert not missing, f"{missing} is not in\n{printed}"
+            lacking = missing(block.text, printed, numbers=not short)
+            assert not lacking, f"{lacking} is not in\n{printed}"
         elif not block.comment.startswith("not tested"):
             assert block.language == "sh", f"a block of {page.name} is no file and no command"
             _, shorter, change = block.comment.partition("shorter in tests: ")
