@@ -14,6 +14,7 @@ from benchmarks.effects import cost_of_effects
 from benchmarks.figure import Figure, Section
 from benchmarks.gradients import gradients
 from benchmarks.growth import growth
+from benchmarks.step_cost import step_cost
 from benchmarks.textbook import textbook
 
 SECTIONS: Mapping[str, Section] = {
@@ -24,6 +25,7 @@ SECTIONS: Mapping[str, Section] = {
     "checkpoints": checkpoints,
     "gradients": gradients,
     "assembly": assembly,
+    "step": step_cost,
     "textbook": textbook,
     "growth": growth,
 }
