@@ -112,6 +112,8 @@ def test_lines_have_the_fields_along_them_at_every_stored_time(tmp_path: Path) -
     yarn = table[(table["line"] == "yarn") & (table["step"] == stored.steps[1])]
     points = np.column_stack([yarn["x_m"], yarn["y_m"]])
     cross = (points - ANY) @ [1, -1]
+    numbers = [name for name in table.dtype.names or () if name != "line"]
+    assert all(np.isfinite(table[name]).all() for name in numbers)
     np.testing.assert_allclose(cross, 0, atol=1e-8)  # along 45 degrees, from edge to edge
     np.testing.assert_allclose(points[[0, -1], 1], [0, 0.3], atol=1e-8)
     at = stored.at(points)

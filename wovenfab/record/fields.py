@@ -321,7 +321,9 @@ def _yarn(
     """Return both ends (m) of a yarn at rest: the piece of it that has the point."""
     along, point = fibres[line.family - 1], np.array(line.through)
     size = float(np.ptp(corners.reshape(-1, 2), axis=0).sum())
-    sheet = shapely.union_all(shapely.polygons(corners)).buffer(ON_SIDE * size)
+    sheet = shapely.union_all(shapely.polygons(corners))
+    for gap in (ON_SIDE * size, -ON_SIDE * size):  # cells that touch become one
+        sheet = sheet.buffer(gap, join_style="mitre")
     whole = shapely.LineString([point - size * along, point + size * along])
     pieces = shapely.get_parts(shapely.intersection(sheet, whole))
     near = pieces[np.argmin(shapely.distance(pieces, shapely.Point(point)))]
