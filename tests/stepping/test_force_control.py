@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from forms.effect import Target
 from tests.scenes import BONDED, PROTOTYPE, PROTOTYPE_TWO_STEPS, SCHEMES, model, sheet, solver
 from wovenfab import CaseError, read_case, simulate
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Program, cycle, program_of, table
 from wovenfab.stepping.step import Step
 from wovenfab.stepping.time_stepper import TimeStepper
@@ -98,3 +102,10 @@ def test_a_program_of_forces_that_cannot_be_is_refused(program: str, words: str)
             CONFIGS / "bias-1x3.yaml",
             ["program=null", f"program={program}"],
         )
+
+
+def test_derivatives_under_a_prescribed_force_are_refused() -> None:
+    case = read_case(CONFIGS / "force-cycles.yaml", COARSE)
+    refused = pytest.raises(CaseError, match="not available where a force is prescribed")
+    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
+        simulation.differentiate([Target("shear", "stiffness")])

@@ -17,7 +17,13 @@ from wovenfab.simulation.response import trial_of, with_elements, with_steps
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import globalisation
 
-CASES = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+#: Cases of the scene of bias-1x3 with other outputs, or with forces, which have no derivatives.
+LEFT_OUT = {"probes-1x3", "creep", "force-cycles"}
+CASES = [
+    path
+    for path in sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
+    if path.stem not in LEFT_OUT
+]
 SPIN = next(path for path in CASES if path.stem == "spin-1x3")
 #: Tolerance of the balance of forces, part of the planned steps, size of the cells over that of the
 #: case, and change of a parameter for a difference.
