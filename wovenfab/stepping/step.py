@@ -40,6 +40,7 @@ class Step:
         error: Its estimated error in time, where that is measured.
         dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
         derivatives: By material parameters, where they are asked for.
+        second: Displacement of the second program at its end, m.
     """
 
     number: int
@@ -58,6 +59,7 @@ class Step:
     error: StepError | None = None
     dissipated_error: float = 0.0
     derivatives: Derivatives | None = None
+    second: float = 0.0
     force: float = 0.0
     force_transverse: float = 0.0
     force_error: float = 0.0

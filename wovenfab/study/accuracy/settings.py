@@ -64,8 +64,11 @@ def planned(case: Case, factor: float) -> Case:
 
 def steps_of(case: Case) -> tuple[str, ...]:
     """Return the values of a case that make its planned steps."""
-    program = json.dumps([plain(segment) for segment in case.program])
-    return f"time.steps_per_cycle={case.time.steps_per_cycle}", f"program={program}"
+    programs = (
+        f"{name}={json.dumps([plain(segment) for segment in segments])}"
+        for name, segments in case.programs.items()
+    )
+    return f"time.steps_per_cycle={case.time.steps_per_cycle}", *programs
 
 
 def in_space(case: Case) -> list[Iterator[Setting]]:
