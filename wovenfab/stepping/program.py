@@ -123,11 +123,6 @@ class Program:
         return max((abs(m.value) for m, (s, _) in places if s.force), default=0.0)
 
     @property
-    def steps(self) -> int:
-        """Number of planned steps."""
-        return len(self.milestones) - 1
-
-    @property
     def cycles(self) -> list[tuple[float, float]]:
         """Start and end (s) of each load cycle; other segments belong to none."""
         found, begun, time = [], 0.0, 0.0
@@ -174,8 +169,8 @@ def program_of(stretches: Sequence[Segment]) -> Program:
 SAME = 1e-9
 
 
-def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> Program:
-    """Return the program that runs through the first stretches, and the second ones beside it.
+def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> list[list[Segment]]:
+    """Return the stretches of a program, and those of a second one beside it, with the same steps.
 
     Each end of a stretch of either is a planned time. Between two of them there are as many
     equal steps as the finer one asks for. The shorter one stays where it ends.
@@ -191,7 +186,7 @@ def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> Program
         steps = max(a.steps, b.steps)
         one.append(replace(a, steps=steps, jump=a.jump or b.jump))
         other.append(replace(b, steps=steps))
-    return replace(program_of(one), beside=program_of(other))
+    return [one, other]
 
 
 def _cut(stretches: Sequence[Segment], times: Sequence[float]) -> Iterator[Segment]:
@@ -315,8 +310,19 @@ def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
 
 def program_of_case(case: Case) -> Program:
     """Return the load program of a case, with the second one if it has one."""
-    first, *second = (_of_segments(p, case.time.steps_per_cycle) for p in case.programs.values())
-    return side_by_side(first, *second) if second else program_of(first)
+    first, *second = map(program_of, _plan(case))
+    return replace(first, beside=second[0]) if second else first
+
+
+def planned_steps(case: Case) -> int:
+    """Return the number of planned steps of a case."""
+    return sum(stretch.steps for stretch in _plan(case)[0])
+
+
+def _plan(case: Case) -> list[list[Segment]]:
+    """Return the stretches of each program, which take the same steps."""
+    plans = [_of_segments(p, case.time.steps_per_cycle) for p in case.programs.values()]
+    return plans if len(plans) == 1 else side_by_side(*plans)
 
 
 def _of_segments(segments: Sequence[Any], per_cycle: int) -> list[Segment]:
