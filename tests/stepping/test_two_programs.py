@@ -77,6 +77,14 @@ def test_planned_times_are_the_ends_of_both_with_the_steps_of_the_finer() -> Non
     assert lengths(first, [ramp(0.0, 1.0, 3.0, 60)]) == [(1.0, 20), (2.0, 40)]
 
 
+def test_a_short_ramp_beside_a_long_hold_is_not_lost() -> None:
+    short, day = [ramp(0.0, 1.0, 1e-3, 1)], [ramp(0.0, 0.0, 86400.0, 10)]
+    for pieces in (beside(short, day), beside(day, short)):
+        assert [(p.steps, p.duration) for p in pieces[0]] == [(1, 1e-3), (10, 86400.0 - 1e-3)]
+        ends = {(one.path(one.duration, 0.0), then.path(0.0, 0.0)) for one, then in pieces}
+        assert ends == {(0.0, 0.0), (1.0, 1.0)}
+
+
 def test_ends_that_rounding_parts_are_one() -> None:
     thirds = [ramp(i / 10, (i + 1) / 10, 0.1, 1) for i in range(3)]
     assert sum(s.duration for s in thirds) != 0.3

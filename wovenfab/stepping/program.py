@@ -166,7 +166,9 @@ def program_of(stretches: Sequence[Segment]) -> Program:
 
 
 #: Difference of times, over the whole one, below which they are the same.
-SAME = 1e-9
+SAME = 1e-11
+#: Round-off of a number of steps.
+SLACK = 1e-9
 
 
 def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> list[list[Segment]]:
@@ -174,6 +176,10 @@ def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> list[li
 
     Each end of a stretch of either is a planned time. Between two of them there are as many
     equal steps as the finer one asks for. The shorter one stays where it ends.
+
+    Args:
+        first: Stretches of the program, which has the cycles and may prescribe forces (N).
+        second: Those of the other one, displacements (m).
     """
     ends = [list(accumulate(s.duration for s in one)) for one in (first, second)]
     whole = max(e[-1] for e in ends)
@@ -203,7 +209,7 @@ def _cut(stretches: Sequence[Segment], times: Sequence[float]) -> Iterator[Segme
         since, until = 0.0 if first else begin - start, s.duration if final else end - start
         yield Segment(
             end - begin,
-            ceil(s.steps * (until - since) / s.duration - SAME),
+            max(1, ceil(s.steps * (until - since) / s.duration - SLACK)),
             partial(_within, s.path, since, until, end - begin),
             first and s.jump,
             first and s.starts_cycle,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.problem import SolveResult
-from wovenfab.stepping.program import Milestone
+from wovenfab.stepping.program import SLACK, Milestone
 from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
@@ -127,8 +127,6 @@ class UnsoundSheetError(StepFailedError):
 CUT, GROWTH = 0.5, 2.0
 #: Tangents up to which a step is easy, and harder ones in a row after which steps grow, too.
 EASY, ENOUGH = 3, 5
-#: Round-off of a number of steps.
-SLACK = 1e-9
 #: What a later step depends on.
 MEMORY = "_length", "_before", "_row", "_target"
 
