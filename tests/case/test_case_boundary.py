@@ -135,7 +135,7 @@ def test_a_dead_load_alone_takes_a_hold(with_edges: Change) -> None:
 def test_a_force_may_follow_the_program_alone(with_edges: Change) -> None:
     case = read_case(with_edges("left: clamp\nright: {force: [10 N/m * program/40 mm, 0]}"))
     (right,) = case.boundary["right"]
-    assert right.grows and not right.moves and not right.burdens_the_start
+    assert right.follows == {"program"} and not right.moves and not right.burdens_the_start
 
 
 @pytest.mark.parametrize(
@@ -152,7 +152,7 @@ def test_what_is_there_from_the_start_needs_a_rest_without_friction(
         "the program, as in '10 N/m * program/40 mm' or 'min(program, 5 mm)'."
     )
     grows = edges.replace(given, "force: [9 N/m * program/1 m, 0]")
-    assert read_case(with_edges(grows, coupling="")).boundary["right"][0].grows
+    assert read_case(with_edges(grows, coupling="")).boundary["right"][0].follows
 
 
 @pytest.mark.parametrize("row", BAD, ids=lambda row: row["edges"].replace("\n", "; "))

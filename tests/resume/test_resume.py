@@ -48,6 +48,12 @@ CASES = {
         *("bias-1x3", "discretisation.mesh_size=150mm"),
         "program={type: cycles, amplitudes: [50 N, 100 N], frequency: 10 Hz}",
     ),
+    "two programs": (
+        *("biaxial", "discretisation.mesh_size=100 mm", "time.tolerance=1e-2"),
+        "boundary.top={displacement: [0, second_program]}",
+        "program={type: ramp, to: 1 mm, velocity: 20 mm/s, steps: 5}",
+        "second_program=[{type: cycles, amplitudes: 2 mm, frequency: 15 Hz}]",
+    ),
     "probes": (
         "bias-1x3",
         "output.probes={a: {type: point, at: [0.2, 0.1]}, c: {type: zone, centre: [0.45, 0.15], "
@@ -178,6 +184,21 @@ def test_a_finished_run_goes_on_with_a_longer_program(tmp_path: Path) -> None:
     )
     whole = run(longer, tmp_path / "whole")
     run(case, tmp_path / "parts")
+    assert_same(run(longer, tmp_path / "parts", resume=True), whole, 0.0)
+
+
+def test_a_finished_run_goes_on_with_a_longer_second_program(tmp_path: Path) -> None:
+    name, *overrides = CASES["two programs"]
+    case = small(name, *overrides)
+    longer, other = (
+        case.changed(f"second_program=[{{type: cycles, amplitudes: {a} mm, frequency: 15 Hz}}, "
+                     "{type: ramp, to: 1 mm, velocity: 20 mm/s, steps: 3}]")
+        for a in (2, 3)
+    )  # fmt: skip
+    whole = run(longer, tmp_path / "whole")
+    run(case, tmp_path / "parts")
+    with pytest.raises(NothingToResumeError, match="program before t = "):
+        run(other, tmp_path / "parts", resume=True)
     assert_same(run(longer, tmp_path / "parts", resume=True), whole, 0.0)
 
 

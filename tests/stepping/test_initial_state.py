@@ -86,7 +86,7 @@ def test_cycles_under_a_weight_close_their_energy_balance(scheme: str) -> None:
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_load_that_follows_the_program_stretches_a_strip_linearly(scheme: str) -> None:
     """Linear, so that the trapezoid is exact: work = F u/2."""
-    load = EdgeLoad("right", (0, 1), (lambda x, program: 1e6 * program, 0.0))
+    load = EdgeLoad("right", (0, 1), (lambda x, program, _: 1e6 * program, 0.0))
     model = model_with([load], ("stretch", "shear"), (0.0, pi / 2))
     steps = scenes.march(model, program_of([ramp(0.0, 0.5, 1.0, 5)]), scheme, HELD, TIGHT)
     assert scenes.stored(steps[0]) == steps[0].work == 0
@@ -100,7 +100,7 @@ def test_a_load_that_follows_the_program_stretches_a_strip_linearly(scheme: str)
 
 def test_a_load_that_follows_the_program_against_friction_closes_its_balance() -> None:
     """Straight lines and a hold: friction jumps with the velocity, the elastic force does not."""
-    load = EdgeLoad("right", (0, 1), (lambda x, program: 2e4 * program, 0.0))
+    load = EdgeLoad("right", (0, 1), (lambda x, program, _: 2e4 * program, 0.0))
     last = []
     for n in (10, 20, 40):
         way = [ramp(0.0, 0.04, 0.1, n), ramp(0.04, 0.04, 0.05, n), ramp(0.04, 0.0, 0.1, n)]
@@ -161,7 +161,7 @@ def test_a_start_that_would_buckle_is_refused() -> None:
 @pytest.mark.mpi
 @pytest.mark.mpi4
 def test_ranks_agree_on_loads_and_their_work() -> None:
-    load = EdgeLoad("right", (0, 1), (lambda x, program: 2e4 * program * (1 + x[1]), 0.0))
+    load = EdgeLoad("right", (0, 1), (lambda x, program, _: 2e4 * program * (1 + x[1]), 0.0))
     program = program_of(cycle(0.0, 0.04, 0.2, 8))
     together, alone = (
         scenes.march(model_with([WEIGHT, load], comm=comm), program, "bdf2", HELD, TIGHT)

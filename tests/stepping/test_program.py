@@ -19,7 +19,7 @@ AMPLITUDES = (0.02, 0.037, 0.0403)
 def planned(*segments: object, steps: int = 40) -> Program:
     """Return the program of the segments of a case."""
     time = SimpleNamespace(steps_per_cycle=steps)
-    return program_of_case(SimpleNamespace(program=segments, time=time))  # type: ignore[arg-type]
+    return program_of_case(SimpleNamespace(programs={"program": segments}, time=time))  # type: ignore[arg-type]
 
 
 def cycles(**speed: str) -> Cycles:

@@ -143,8 +143,8 @@ def test_moving_both_grips_together_by_a_metre_needs_no_force() -> None:
 def test_turning_both_grips_together_needs_no_force() -> None:
     model = sheet_model(scenes.BIAS)
     turn = (
-        Held(field=lambda x, y, angle: (cos(angle) - 1) * x - sin(angle) * y),
-        Held(field=lambda x, y, angle: sin(angle) * x + (cos(angle) - 1) * y),
+        Held(field=lambda x, y, angle, _: (cos(angle) - 1) * x - sin(angle) * y),
+        Held(field=lambda x, y, angle, _: sin(angle) * x + (cos(angle) - 1) * y),
     )
     equilibrium = scenes.solver(model, (Grip("left", turn), Grip("right", turn)))
     constraints = equilibrium.problem.constraints

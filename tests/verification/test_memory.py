@@ -157,7 +157,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_one() -> None:
         return np.arctanh((push - K_C * b) / strength(b[0])) / ETA
 
     exact = solve_ivp(rate, (0, duration), [0.0], "Radau", rtol=1e-11, atol=1e-15).y[0, -1]
-    load = EdgeLoad("right", (0,), (lambda _, program: push * length * program, 0.0))
+    load = EdgeLoad("right", (0,), (lambda x, program, _: push * length * program, 0.0))
     stiff = {**VALUES, "stretch": {"stiffness": (1e13, 1e13)}}
     errors = []
     for count in (40, 80, 160):

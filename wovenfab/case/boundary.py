@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import product
 from typing import Annotated, Any
 
 import numpy as np
@@ -29,11 +30,12 @@ from wovenfab.case.units import write
 
 _LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
 _FACTORS = {"program": 1.0, "-program": -1.0}
+PROGRAMS = frozenset({"program", "second_program"})
 
 
 @dataclass(frozen=True)
 class Component:
-    """Factor times program + offset, or a formula of x, y and the program.
+    """Factor times program + offset, or a formula of x, y and both programs.
 
     Attributes:
         held: False where the edge moves freely; the rest then means nothing.
@@ -48,17 +50,27 @@ class Component:
     expression: Expression | None = None
 
     @property
-    def moves(self) -> bool:
-        """Whether the program moves it."""
+    def follows(self) -> frozenset[str]:
+        """The programs that move it."""
         if self.expression is not None:
-            return "program" in self.expression.variables
-        return self.factor != 0
+            return programs_in(self.expression)
+        return frozenset({"program"} if self.factor else ())
 
-    def at(self, x: Any, y: Any, program: Any) -> Any:
-        """Return the displacement (m) at points (m, arrays) for a program (m)."""
+    @property
+    def moves(self) -> bool:
+        """Whether the program, the first one, moves it."""
+        return "program" in self.follows
+
+    def at(self, x: Any, y: Any, program: Any, second: Any = 0.0) -> Any:
+        """Return the displacement (m) at points (m, arrays) for the programs (m)."""
         if self.expression is None:
             return self.factor * program + self.offset + np.zeros_like(x)
-        return self.expression.at(x, y, program)
+        return self.expression.at(x, y, program, second)
+
+
+def programs_in(value: Value) -> frozenset[str]:
+    """Return the names of the programs that a value depends on."""
+    return value.variables & PROGRAMS if isinstance(value, Expression) else frozenset()
 
 
 FREE = Component(held=False)
@@ -98,11 +110,6 @@ _CLAMPS = ("placement", "rotation")
 BOTH = (1, 2)
 
 
-def follows_program(value: Value) -> bool:
-    """Return whether a value depends on the program."""
-    return isinstance(value, Expression) and "program" in value.variables
-
-
 def _held(value: Any) -> bool:
     if value not in _ROTATIONS:
         raise wrong(f"expected {one_of(_ROTATIONS)}, got {describe(value)}")
@@ -124,7 +131,8 @@ class EdgeCondition(Section):
         examples=[["program", 0]],
         json_schema_extra={"default": ["free", "free"]},
     )
-    """Displacement along x and y: program, -program, a length, free, or a formula of all."""
+    """Displacement along x and y: program, -program, second_program, a length, free, or a formula
+    of all."""
 
     rotation: Annotated[
         bool,
@@ -152,15 +160,16 @@ class EdgeCondition(Section):
         return any(c.held and c.moves for c in self.components)
 
     @property
-    def grows(self) -> bool:
-        """Whether the program changes a force on this edge."""
-        return any(follows_program(load) for load in self.force or ())
+    def follows(self) -> frozenset[str]:
+        """The programs that move this edge or change a force on it."""
+        moving = (c.follows for c in self.components if c.held)
+        return frozenset().union(*moving, *map(programs_in, self.force or ()))
 
     @property
     def burdens_the_start(self) -> bool:
-        """Whether it has a force or a displacement that does not follow the program."""
-        held = [c.expression or c.offset for c in self.components if c.held and not c.moves]
-        given = (*held, *(load for load in self.force or () if not follows_program(load)))
+        """Whether it has a force or a displacement that does not follow a program."""
+        held = [c.expression or c.offset for c in self.components if c.held and not c.follows]
+        given = (*held, *(load for load in self.force or () if not programs_in(load)))
         return any(isinstance(value, Expression) or value != 0 for value in given)
 
     @model_validator(mode="before")
@@ -326,10 +335,10 @@ def _gradients(directions: Array, shear_resisted: bool) -> list[tuple[str, Array
 
 def apart(a: EdgeCondition, b: EdgeCondition, x: float, y: float, size: float) -> str:
     """Return the axis along which two conditions differ at a point, if there is one."""
-    programs = size * np.array([0.0, 0.01, 0.1, 0.3])
+    programs = size * np.array(list(product((0.0, 0.01, 0.1, 0.3), repeat=2))).T
     for axis, c, d in zip("xy", a.components, b.components, strict=True):
         if c.held and d.held:
-            gap = np.abs(c.at(x, y, programs) - d.at(x, y, programs))
+            gap = np.abs(c.at(x, y, *programs) - d.at(x, y, *programs))
             if not np.all(gap <= 1e-9 * size):
                 return axis
     return ""

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import reduce
 from io import StringIO
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,7 +48,7 @@ from wovenfab.case.effects import (
     quantity,
 )
 from wovenfab.case.errors import CaseError, KeyPath, Problem, key_path, problems_in
-from wovenfab.case.program import Segments, Table, planned_steps
+from wovenfab.case.program import SECOND, Segment, Segments, Table, planned_steps
 from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
@@ -100,6 +101,11 @@ class Case(Section):
 
     program: Segments = Field(min_length=1, examples=[{"type": "ramp", "to": "40 mm", "steps": 20}])
     """Displacement against time: one segment, or a list of them."""
+
+    second_program: Annotated[Segments, Field(min_length=1)] | None = Field(
+        default=None, examples=[{"type": "ramp", "to": "5 mm", "duration": "1 s"}]
+    )
+    """Another displacement against the same time, for edges that follow second_program."""
 
     from_state: Annotated[
         Path | None,
@@ -172,8 +178,14 @@ class Case(Section):
 
     @property
     def planned_steps(self) -> int:
-        """Number of planned load steps."""
-        return planned_steps(self.program, self.time.steps_per_cycle)
+        """Number of planned load steps; with two programs about the most there can be."""
+        return planned_steps(chain(*self.programs.values()), self.time.steps_per_cycle)
+
+    @property
+    def programs(self) -> Mapping[str, tuple[Segment, ...]]:
+        """The segments of each program by its key."""
+        second = {} if self.second_program is None else {SECOND: self.second_program}
+        return {"program": self.program} | second
 
     def problem(self, key: str, message: str, remedy: str = "") -> Problem:
         """Return a problem with the file and line of its key; arguments as in ``Problem``."""
@@ -196,7 +208,8 @@ class Case(Section):
             ("sheet",): self.sheet,
             ("discretisation",): self.discretisation,
         }
-        sections |= {("program", i): segment for i, segment in enumerate(self.program)}
+        for name, segments in self.programs.items():
+            sections |= {(name, i): segment for i, segment in enumerate(segments)}
         found = [odd for path, section in sections.items() for odd in unusual(section, path)]
         for e in self.scene:
             for p in e.effect.parameters:
@@ -208,7 +221,7 @@ class Case(Section):
             for path, value, kind in dict.fromkeys(found)
             if document.locate(path)[-1:] == path[-1:]  # not a default
         )
-        tables = (s for s in self.program if isinstance(s, Table) and s.tolerance)
+        tables = (s for s in sections.values() if isinstance(s, Table) and s.tolerance)
         return [
             *(f"warning: {problem}" for problem in problems),
             *(

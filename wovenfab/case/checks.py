@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import combinations
+from itertools import combinations, product
 from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
@@ -37,12 +37,14 @@ from wovenfab.case.effects import (
 from wovenfab.case.errors import KeyPath, near_miss, one_of
 from wovenfab.case.formula import Expression
 from wovenfab.case.program import (
+    Finding,
     Hold,
-    Ramp,
     Segment,
     force_control,
     joints,
     reached,
+    second,
+    speeds,
 )
 from wovenfab.case.schema import (
     Discretisation,
@@ -55,8 +57,6 @@ from wovenfab.case.schema import (
 
 Array = NDArray[np.float64]
 Program = tuple[Segment, ...]
-#: Where, what and the remedy.
-Finding = tuple[KeyPath, str, str]
 Rule = Callable[..., Iterator[Finding]]
 
 #: A force that follows the program, as a remedy.
@@ -161,10 +161,12 @@ def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[F
 
 @_rule
 def _edges_everywhere(
-    sheet: Rectangle | SheetFile, boundary: Boundary, program: Program
-) -> Iterator[Finding]:
-    programs = np.unique(reached(program))
-    programs = programs[:: len(programs) // MOST_TRIED + 1]
+    sheet: Rectangle | SheetFile, boundary: Boundary, program: Program,
+    second_program: Program | None,
+) -> Iterator[Finding]:  # fmt: skip
+    values = [np.unique(reached(p)) for p in (program, second_program or ())]
+    tried = list(product(*(v[:: len(v) // MOST_TRIED + 1] for v in values)))
+    programs = tried[:: len(tried) // MOST_TRIED + 1]
     if isinstance(sheet, Rectangle):
         for edge, ends in EDGES.items():
             if edge in boundary:
@@ -192,7 +194,7 @@ def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
     conditions = [c for _, _, c in conditions_of(boundary)]
     moves = any(not isinstance(segment, Hold) for segment in program)
-    if moves and not any(c.moves or c.grows for c in conditions):
+    if moves and not any("program" in c.follows for c in conditions):
         remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
         if any(c.force for c in conditions):
             remedy = (
@@ -213,20 +215,8 @@ def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
             )
 
 
-@_rule
-def _speed_of_ramps(scene: Scene, program: Program) -> Iterator[Finding]:
-    for i, segment in enumerate(program):
-        timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
-        if timeless and needs_of_scene(scene).rate:
-            yield (
-                ("program", i),
-                "a velocity or a duration is needed, because an effect depends on rates",
-                "For example 'velocity: 0.1 m/s', or 'duration: 1 s'.",
-            )
-
-
-_rule(joints)
-_rule(force_control)
+for _of_programs in (speeds, joints, force_control, second):
+    _rule(_of_programs)
 
 
 @_rule
@@ -304,10 +294,10 @@ def _tolerance(time: Time) -> Iterator[Finding]:
         yield ("time", "tolerance"), reason, "Use 'scheme: bdf3', or leave this key out."
 
 
-def values_at(value: Value, x: Array, y: Array, program: float = 0.0) -> Array:
-    """Return a parameter's value at points, or a force's for a program (m)."""
+def values_at(value: Value, x: Array, y: Array, *programs: float) -> Array:
+    """Return a parameter's value at points, or a force's for the programs (m)."""
     values: Array = np.full_like(x, 0.0 if isinstance(value, Expression) else value)
-    return values + value.at(x, y, program) if isinstance(value, Expression) else values
+    return values + value.at(x, y, *programs) if isinstance(value, Expression) else values
 
 
 def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -346,8 +336,9 @@ def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
 
 
 def unfit_conditions(
-    edge: str, conditions: Sequence[EdgeCondition], x: Array, y: Array, programs: Iterable[float]
-) -> Iterator[Finding]:
+    edge: str, conditions: Sequence[EdgeCondition], x: Array, y: Array,
+    programs: Iterable[tuple[float, ...]],
+) -> Iterator[Finding]:  # fmt: skip
     """Yield each formula of an edge that has no finite value at any of its points.
 
     Args:
@@ -355,7 +346,7 @@ def unfit_conditions(
         conditions: What is prescribed there.
         x: First coordinates of points on the edge, m.
         y: Second coordinates, m.
-        programs: Displacements (m) that the program reaches.
+        programs: Displacements (m) that the programs reach, together.
     """
     for i, condition in enumerate(conditions):
         here: KeyPath = ("boundary", edge, i)
@@ -364,7 +355,7 @@ def unfit_conditions(
             for k, c in enumerate(condition.components)
         ]
         for path, value in (*given, *_formulas((*here, "force"), condition.force or ())):
-            over = [values_at(value, x, y, program) for program in programs]
+            over = [values_at(value, x, y, *together) for together in programs]
             yield from _infinite(path, np.sum(over, axis=0), x, y)
 
 

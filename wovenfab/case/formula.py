@@ -1,10 +1,10 @@
-"""Formulas of x, y and the program: text to a checked tree, and its value.
+"""Formulas of x, y and the programs: text to a checked tree, and its value.
 
 Python's parser reads a formula, and only the kinds of nodes of arithmetic are accepted;
 nothing is compiled or run. Before that, numbers and their units become placeholders.
 A number takes the unit after it, as far as names of units are joined by ``*``, ``/``
 or blanks: ``2 N/m * x`` is two newtons per metre times x. ``x``, ``y``, ``program``,
-``pi``, ``and``, ``or`` and a name before a bracket are never units.
+``second_program``, ``pi``, ``and``, ``or`` and a name before a bracket are never units.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from wovenfab.case.errors import FormulaError, describe, near_miss
 
 LONGEST, DEEPEST = 500, 20
 #: What a formula may depend on, each a length in m.
-VARIABLES = ("x", "y", "program")
+VARIABLES = ("x", "y", "program", "second_program")
 #: Functions by name with the number of their arguments.
 FUNCTIONS = {
     **dict.fromkeys(("sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "abs"), 1),
@@ -115,7 +115,7 @@ class Expression:
 
     @property
     def variables(self) -> frozenset[str]:
-        """The variables that the value depends on: of x, y and program."""
+        """The variables that the value depends on, of ``VARIABLES``."""
         return self._tree.variables
 
     @property
@@ -135,9 +135,9 @@ class Expression:
         """
         return _evaluate(self._tree, variables, functions)
 
-    def at(self, x: Any, y: Any, program: Any = 0.0) -> Any:
-        """Return the SI value at points (m, arrays) for a program (m)."""
-        variables = {"x": x, "y": y, "program": program}
+    def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0) -> Any:
+        """Return the SI value at points (m, arrays) for the programs (m)."""
+        variables = dict(zip(VARIABLES, (x, y, program, second), strict=True))
         with np.errstate(all="ignore"):
             return self.evaluate(variables, NUMPY_FUNCTIONS) + np.zeros_like(x)
 

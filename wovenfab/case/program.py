@@ -20,6 +20,7 @@ from pydantic_core import core_schema
 
 from wovenfab.case import units
 from wovenfab.case.boundary import Boundary, conditions_of
+from wovenfab.case.effects import Scene, needs_of_scene
 from wovenfab.case.errors import KeyPath, wrong
 from wovenfab.case.quantities import (
     AtLeastOne,
@@ -40,6 +41,10 @@ from wovenfab.case.samples import Samples, read_samples
 if TYPE_CHECKING:
     from wovenfab.case.schema import Solver
 
+#: Where, what and the remedy.
+Finding = tuple[KeyPath, str, str]
+#: Key and variable.
+SECOND = "second_program"
 #: Where a force is prescribed, the velocity is not known beforehand.
 NO_VELOCITY = "a force has a {}, not a velocity"
 _Speeds = Annotated[tuple[Speed, ...], Field(min_length=1), OneOr()] | None
@@ -272,7 +277,7 @@ def reached(program: Sequence[Segment], start: float = 0.0) -> list[float]:
     return values
 
 
-def joints(program: Sequence[Segment]) -> Iterator[tuple[KeyPath, str, str]]:
+def joints(program: Sequence[Segment]) -> Iterator[Finding]:
     """Yield where segments do not follow each other, and the remedy."""
     here: float | None = 0.0  # None where it is not known beforehand
     before = False
@@ -305,7 +310,7 @@ def joints(program: Sequence[Segment]) -> Iterator[tuple[KeyPath, str, str]]:
 
 def force_control(
     boundary: Boundary, program: Sequence[Segment], solver: Solver, accuracy: float | None
-) -> Iterator[tuple[KeyPath, str, str]]:
+) -> Iterator[Finding]:
     """Yield why a program of forces cannot be, and the remedy."""
     forces, instead = prescribe_forces(program), "Leave this key out, or prescribe displacements."
     if not any(forces):
@@ -317,6 +322,44 @@ def force_control(
         yield ("solver", "stability"), "branches under a prescribed force are unstable", instead
     if accuracy is not None:
         yield ("accuracy",), "errors under a prescribed force are not estimated", instead
+
+
+def speeds(scene: Scene, program: Sequence[Segment]) -> Iterator[Finding]:
+    """Yield ramps that take no time where an effect depends on rates."""
+    for i, segment in enumerate(program):
+        timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
+        if timeless and needs_of_scene(scene).rate:
+            yield (
+                ("program", i),
+                "a velocity or a duration is needed, because an effect depends on rates",
+                "For example 'velocity: 0.1 m/s', or 'duration: 1 s'.",
+            )
+
+
+def second(
+    scene: Scene,
+    boundary: Boundary,
+    second_program: Sequence[Segment] | None,
+    accuracy: float | None,
+) -> Iterator[Finding]:
+    """Yield what is wrong in or with a second program, and the remedy."""
+    if second_program is None:
+        for name, i, condition in conditions_of(boundary):
+            if SECOND in condition.follows:
+                remedy = f"For example '{SECOND}: {{type: ramp, to: 10 mm, duration: 1 s}}'."
+                yield ("boundary", name, i), f"follows {SECOND}, which the case has not got", remedy
+        return
+    for (_, *rest), what, remedy in (*joints(second_program), *speeds(scene, second_program)):
+        yield (SECOND, *rest), what, remedy
+    if any(forces := prescribe_forces(second_program)):
+        remedy = "Let 'program' prescribe the force."
+        yield (SECOND, forces.index(True)), "prescribes displacements only, no force", remedy
+    if not any(SECOND in c.follows for _, _, c in conditions_of(boundary)):
+        remedy = f"For example 'top: {{displacement: [free, {SECOND}]}}' in boundary."
+        yield (SECOND,), "no edge uses it", remedy
+    if accuracy is not None:
+        reason = "steps are chosen for one program only"
+        yield ("accuracy",), reason, f"Leave this key out, or '{SECOND}'."
 
 
 def planned_steps(program: Iterable[Segment], per_cycle: int) -> int:

@@ -12,6 +12,7 @@ from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.effects import acting
 from wovenfab.cli.console import Console
 from wovenfab.simulation.progress import memory
+from wovenfab.stepping.program import planned_steps
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Sheet
@@ -81,7 +82,7 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
         f"{case.name}: {case.title}" if case.title else case.name,
         f"effects: {', '.join(present)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {count} unknowns, "
-        f"{case.planned_steps} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
+        f"{planned_steps(case)} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
         *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
         "the case is valid",

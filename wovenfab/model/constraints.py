@@ -22,8 +22,8 @@ from wovenfab.sheet.sheet import Sheet
 
 #: Change of the program (m) in differences of formulas.
 DIFFERENCE = 1e-5
-#: A component of a load: a number, or a function of position and program (UFL in and out).
-Force = float | Callable[[Any, Any], Any]
+#: A component of a load: a number, or a function of position and programs (UFL in and out).
+Force = float | Callable[[Any, Any, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,14 @@ class DeadLoads:
     """The dead loads of a scene as they act now.
 
     Attributes:
-        program: The program (m), on which loads may depend.
+        program, second: The programs (m), on which loads may depend.
         share: Share of the loads that acts; 1 but on the way to the start of a program.
         loads: The loads as symbols.
         form: Compiled form of their force; None without loads.
     """
 
     program: fem.Constant
+    second: fem.Constant
     share: fem.Constant
     loads: tuple[Load, ...]
     form: fem.Form | None
@@ -94,12 +95,13 @@ def dead_loads_on(
         on_edge: Returns the UFL measure of a named edge.
     """
     mesh = space.mesh
-    program, share = (fem.Constant(mesh, np.float64(value)) for value in (0.0, 1.0))
+    program, second, share = (fem.Constant(mesh, np.float64(v)) for v in (0.0, 0.0, 1.0))
     position = ufl.SpatialCoordinate(mesh)
 
     def component(force: Force) -> Any:
-        at = force(position, program) if callable(force) else fem.Constant(mesh, np.float64(force))
-        return share * at
+        if callable(force):
+            return share * force(position, program, second)
+        return share * fem.Constant(mesh, np.float64(force))
 
     symbols = tuple(
         Load(ufl.as_vector([component(f) for f in load.force]), load.families, on_edge(load.edge))
@@ -108,7 +110,7 @@ def dead_loads_on(
     test = ufl.TestFunction(space)
     forms = compile_forms([sum(load.work(test) for load in symbols)], mesh.comm) if loads else []
     own = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
-    return DeadLoads(program, share, symbols, forms[0] if forms else None, own)
+    return DeadLoads(program, second, share, symbols, forms[0] if forms else None, own)
 
 
 Array = NDArray[np.float64]
@@ -121,24 +123,24 @@ class Held:
     Attributes:
         factor: Multiple of the program.
         offset: Constant part, m.
-        field: Displacement (m) against x, y (m) and the program (m), instead of both.
+        field: Displacement (m) against x, y (m) and both programs (m), instead of both.
     """
 
     factor: float = 0.0
     offset: float = 0.0
-    field: Callable[[Array, Array, float], Array] | None = None
+    field: Callable[[Array, Array, float, float], Array] | None = None
 
-    def at(self, positions: Array, program: float) -> Array:
+    def at(self, positions: Array, program: float, second: float = 0.0) -> Array:
         """Return the displacement (m) at reference positions, shape (n, 2 or 3)."""
         x, y = positions[:, 0], positions[:, 1]
         value = self.factor * program + self.offset
-        return np.broadcast_to(self.field(x, y, program) if self.field else value, x.shape)
+        return np.broadcast_to(self.field(x, y, program, second) if self.field else value, x.shape)
 
-    def rate(self, positions: Array, program: float) -> Array | float:
+    def rate(self, positions: Array, program: float, second: float = 0.0) -> Array | float:
         """Return the change of the displacement with the program (1) at reference positions."""
         if self.field is None:
             return self.factor
-        after, before = (self.at(positions, program + d) for d in (DIFFERENCE, -DIFFERENCE))
+        after, before = (self.at(positions, program + d, second) for d in (DIFFERENCE, -DIFFERENCE))
         return np.asarray((after - before) / (2 * DIFFERENCE))
 
 
@@ -186,6 +188,7 @@ class Constraints:
         edges: Names of the edges that hold anything.
         origin: Displacements that prescribed ones are added to: those of the state that the
             program starts from, m.
+        second: Value of the second program, m.
     """
 
     def __init__(self, placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> None:
@@ -200,6 +203,7 @@ class Constraints:
         self.edges = tuple(dict.fromkeys(grip.edge for grip in grips))
         self._values = fem.Function(placements.space)
         self.origin = np.zeros(self._values.x.array.size)
+        self.second = 0.0
         self._parts = _parts(placements, sheet, grips)
         held = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
         dofs = np.sort(np.concatenate(held))
@@ -215,7 +219,7 @@ class Constraints:
         it, differently, and a field that comes from the owner would never be equal to it.
         """
         for part in self._parts:
-            held = share * part.held.at(part.positions, program)
+            held = share * part.held.at(part.positions, program, self.second)
             self._values.x.array[part.dofs] = self.origin[part.dofs] + held
         self._values.x.scatter_forward()
 
@@ -223,7 +227,7 @@ class Constraints:
         """Return the change of prescribed displacements with the program, zero elsewhere (1)."""
         change = np.zeros(self._values.x.array.size)
         for part in self._parts:
-            change[part.dofs] = part.held.rate(part.positions, program)
+            change[part.dofs] = part.held.rate(part.positions, program, self.second)
         return change
 
     def virtual_displacement(self, edge: str, direction: tuple[float, float]) -> Array:

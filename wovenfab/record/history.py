@@ -37,6 +37,8 @@ REACTIONS = "reactions.csv"
 _EDGES = (("left", "right"), ("bottom", "top"))
 #: Columns with the estimated errors of the time steps.
 ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
+#: Column with the displacement of a second program.
+SECOND = ("second_displacement_m",)
 
 
 class HistoryRows:
@@ -57,6 +59,7 @@ class HistoryRows:
         edges: Sequence[str],
         errors: bool = False,
         probes: Sequence[str] = (),
+        second: bool = False,
     ) -> None:
         """Start before the first step.
 
@@ -66,13 +69,15 @@ class HistoryRows:
             edges: Names of the edges whose reactions are recorded.
             errors: Whether there are columns for the estimated errors of the time steps.
             probes: Names of the columns of probes.
+            second: Whether there is a column for the displacement of a second program.
         """
         self._stored, self._dissipated = tuple(stored), tuple(dissipated)
-        self._edges, self._errors = tuple(edges), errors
+        self._edges, self._errors, self._second = tuple(edges), errors, second
         self._initial_energy: float | None = None
         self._last_time = -float("inf")
         self.columns = (
-            *("step", "time_s", "displacement_m", "force_N", "force_transverse_N", "energy_J"),
+            *("step", "time_s", "displacement_m", *(SECOND if second else ())),
+            *("force_N", "force_transverse_N", "energy_J"),
             *(f"energy_{name}_J" for name in self._stored),
             "dissipated_J",
             *(f"dissipated_{name}_J" for name in self._dissipated),
@@ -108,7 +113,8 @@ class HistoryRows:
         dissipated = [float(step.dissipated[name]) for name in self._dissipated]
         energy, lost, work = fsum(stored), fsum(dissipated), float(step.work)
         initial = energy if self._initial_energy is None else self._initial_energy
-        driven = map(float, (step.time, step.displacement, step.force, step.force_transverse))
+        moved = step.displacement, *((step.second,) if self._second else ())
+        driven = map(float, (step.time, *moved, step.force, step.force_transverse))
         balance = [work, work - (energy - initial) - lost]
         if self._errors:
             balance += [float(step.force_error), float(step.dissipated_error)]
@@ -184,7 +190,8 @@ class History(AbstractContextManager["History"]):
         if other := set(text[0].split(",")) ^ {*header}:
             raise NothingToResumeError(
                 f"{directory / name} has other columns than this run would ({', '.join(other)}); "
-                "keep output.probes, and whether there is a time.tolerance, as they were"
+                "keep output.probes, and whether there is a time.tolerance or a second_program, as "
+                "they were"
             )
         if text[:1] != [",".join(header)] or len(rows) <= self._until:
             raise NothingToResumeError(

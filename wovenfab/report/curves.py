@@ -93,15 +93,17 @@ def parts(history: History, kind: str) -> dict[str, Values]:
 
 
 def program(source: RunData) -> Figure:
-    """Return the figure: displacement of the program and its velocity over time."""
-    time, u = source.history["time_s"], source.history["displacement_m"]
+    """Return the figure: displacement of the programs and velocity over time; dotted the second."""
+    history, time = source.history, source.history["time_s"]
+    names = [n for n in ("displacement_m", "second_displacement_m") if n in history]
+    speeds = [np.diff(history[name]) / np.diff(time) for name in names]
+    unit = readable("m/s", float(np.abs(speeds).max(initial=0.0)))
     figure = Figure(figsize=(WIDTH, 0.3 * WIDTH))
     left, right = figure.subplots(1, 2)
-    left.plot(time, u * MILLIMETRE.factor, color=INK)
+    for name, speed, style in zip(names, speeds, "-:", strict=False):
+        left.plot(time, history[name] * MILLIMETRE.factor, style, color=INK)
+        right.plot((time[1:] + time[:-1]) / 2, speed * unit.factor, style, color=INK)
     left.set_ylabel(DISPLACEMENT)
-    speed = np.diff(u) / np.diff(time)
-    unit = readable("m/s", float(np.abs(speed).max(initial=0.0)))
-    right.plot((time[1:] + time[:-1]) / 2, speed * unit.factor, color=INK)
     right.set_ylabel(f"velocity ({unit.name})")
     for axes in (left, right):
         axes.set_xlabel("time (s)")

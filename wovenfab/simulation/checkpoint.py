@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,7 +27,7 @@ from wovenfab.parallel import from_root, on_root
 from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
 from wovenfab.record.results import NothingToResumeError
-from wovenfab.stepping.program import program_of_case
+from wovenfab.stepping.program import Program, program_of_case
 from wovenfab.stepping.step import Step
 
 if TYPE_CHECKING:
@@ -38,12 +38,13 @@ Array = NDArray[np.float64]
 STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
-#: Array of the program so far: times (s), values (m or N), whether they are forces; shape (3, n).
+#: Array of the program so far: times (s), values (m or N), whether they are forces, and values of
+#: the second program (m); shape (4, n).
 PROGRAM = "program"
 #: Difference of displacements, over the largest one, below which programs are the same.
 SAME = 1e-9
 #: Sections of a case that a run may change when it goes on.
-FREE = {"title", "program", "accuracy", "time", "solver", "output"}
+FREE = {"title", "program", "second_program", "accuracy", "time", "solver", "output"}
 
 
 class SnapshotFormat:
@@ -158,8 +159,7 @@ class Checkpoints:
         self._format = SnapshotFormat(simulation.model)
         self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
         program = simulation.program
-        planned = [(m.time, m.value, program.prescribes_force(m.time)) for m in program.milestones]
-        self._program = np.array(planned).T
+        self._program = _values(program, [m.time for m in program.milestones])
         self._steps, self._clock = 0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
@@ -323,12 +323,13 @@ def contents_of(case: Case) -> dict[str, str]:
 
 def _has_made(case: Case, checkpoint: Checkpoint) -> bool:
     """Return whether a case has the program of a checkpoint up to its time."""
-    program, (times, values, forces) = program_of_case(case), checkpoint.arrays[PROGRAM]
-    largest = max(np.abs(values).max(), np.finfo(float).tiny)
-    return bool(
-        program.milestones[-1].time >= checkpoint.time
-        and all(
-            abs(program.value(t) - value) <= SAME * largest and program.prescribes_force(t) == force
-            for t, value, force in zip(times, values, forces, strict=True)
-        )
-    )
+    program, before = program_of_case(case), checkpoint.arrays[PROGRAM]
+    largest = np.abs(before).max(axis=1, keepdims=True)
+    same = np.abs(_values(program, before[0]) - before) <= SAME * largest
+    return bool(program.milestones[-1].time >= checkpoint.time and same.all())
+
+
+def _values(program: Program, times: Sequence[float] | Array) -> Array:
+    """Return the array of a program at times (s)."""
+    rows = [(t, program.value(t), program.prescribes_force(t), program.second(t)) for t in times]
+    return np.array(rows).T

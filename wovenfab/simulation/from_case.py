@@ -28,6 +28,7 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
+from wovenfab.case.formula import VARIABLES
 from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
@@ -72,7 +73,7 @@ UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 
 
 def _for_model(value: Any) -> Any:
-    """Return a number, or a UFL expression as a function of position and program; so for pairs."""
+    """Return a number, or a UFL expression as a function of position and programs; so for pairs."""
     if isinstance(value, tuple):
         return tuple(map(_for_model, value))
     return partial(_in_ufl, value) if isinstance(value, Expression) else value
@@ -87,8 +88,8 @@ def held_of(component: Component) -> Held | None:
     return Held(component.factor, component.offset)
 
 
-def _in_ufl(formula: Expression, position: Any, program: Any = None) -> Any:
-    known = {"x": position[0], "y": position[1], "program": program}
+def _in_ufl(formula: Expression, position: Any, program: Any = None, second: Any = None) -> Any:
+    known = dict(zip(VARIABLES, (position[0], position[1], program, second), strict=True))
     return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
 
 

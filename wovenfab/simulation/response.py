@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import inf
 from time import perf_counter
+from typing import Any
 
 import basix.ufl
 import numpy as np
@@ -245,20 +247,24 @@ def with_steps(
         tolerance: By which steps adapt in between; None for planned steps.
         fewest: Of a ramp or a hold.
     """
-    program = tuple(
-        s
-        if isinstance(s, Cycles) or not s.steps
-        else s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
-        for s in case.program
-    )
+    programs: dict[str, Any] = {
+        name: tuple(
+            s
+            if isinstance(s, Cycles) or not s.steps
+            else s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
+            for s in segments
+        )
+        for name, segments in case.programs.items()
+    }
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
     time = case.time.model_copy(update={"steps_per_cycle": per_cycle, "tolerance": tolerance})
-    return case.model_copy(update={"program": program, "time": time})
+    return case.model_copy(update={**programs, "time": time})
 
 
 def has_fixed_steps(case: Case) -> bool:
     """Return whether no segment can be divided in another number of steps."""
-    return not any(isinstance(s, Cycles) or s.steps for s in case.program)
+    segments = chain(*case.programs.values())
+    return not any(isinstance(s, Cycles) or s.steps for s in segments)
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:

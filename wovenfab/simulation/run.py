@@ -69,6 +69,7 @@ def run(
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
         probes.columns if probes else (),
+        program.beside is not None,
     )
 
     def probed() -> list[float]:

@@ -233,6 +233,10 @@ class Problem:
         self.constraints.set(program, share)
         self.model.loading.set(program, share)
 
+    def prescribe_second(self, program: float) -> None:
+        """Take a value (m) of the second program for all that is prescribed from now on."""
+        self.constraints.second = self.model.loading.second.value = program
+
     def energy(self) -> float:
         """Return the incremental potential (J) of the model's present field; collective."""
         return assemble_scalar(self.model.potential, self.model.comm)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import accumulate, pairwise
-from math import cos, pi
+from functools import cached_property, partial
+from itertools import accumulate, chain, pairwise
+from math import ceil, cos, pi
 from typing import Any
 
 import numpy as np
@@ -58,15 +58,17 @@ class Milestone:
 
 @dataclass(frozen=True)
 class Program:
-    """A load program.
+    """A load program, and a second one beside it.
 
     Attributes:
         milestones: Planned times in order, the start included; reversals are among them.
+        beside: The second program, with the same planned times, or None.
     """
 
     milestones: tuple[Milestone, ...]
     _stretches: tuple[Segment, ...]
     _places: tuple[tuple[Segment, float], ...]  # of the milestones
+    beside: Program | None = None
 
     @cached_property
     def _planned(self) -> dict[float, tuple[Segment, float]]:
@@ -95,6 +97,10 @@ class Program:
         """
         segment, since = self._place(time)
         return segment.path(since, before)
+
+    def second(self, time: float) -> float:
+        """Return the displacement (m) of the second program at a time (s); zero without one."""
+        return self.beside.value(time) if self.beside else 0.0
 
     def prescribes_force(self, time: float) -> bool:
         """Return whether a force is prescribed on the way to a time (s)."""
@@ -129,7 +135,7 @@ class Program:
 
     @cached_property
     def reversals(self) -> frozenset[float]:
-        """Planned times (s) from which the edge moves the other way; after a hold its end."""
+        """Planned times (s) from which an edge moves the other way; after a hold its end."""
         moves = []
         for (start, end), (segment, _) in zip(
             pairwise(self.milestones), self._places[1:], strict=True
@@ -137,7 +143,9 @@ class Program:
             first = segment.path(0.0, 0.0) if start.time in self.changes else start.value
             if end.value != first:
                 moves.append((start.time, end.value > first))
-        return frozenset(time for (_, before), (time, after) in pairwise(moves) if before != after)
+        others = self.beside.reversals if self.beside else ()
+        own = (time for (_, before), (time, after) in pairwise(moves) if before != after)
+        return frozenset((*own, *others))
 
 
 def program_of(stretches: Sequence[Segment]) -> Program:
@@ -155,6 +163,71 @@ def program_of(stretches: Sequence[Segment]) -> Program:
             milestones.append(Milestone(start + since, s.path(since, 0.0), jump))
         start += s.duration
     return Program(tuple(milestones), tuple(stretches), tuple(places))
+
+
+#: Difference of times, over the whole one, below which they are the same.
+SAME = 1e-11
+#: Round-off of a number of steps.
+SLACK = 1e-9
+
+
+def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> list[list[Segment]]:
+    """Return the stretches of a program, and those of a second one beside it, with the same steps.
+
+    Each end of a stretch of either is a planned time. Between two of them there are as many
+    equal steps as the finer one asks for. The shorter one stays where it ends.
+
+    Args:
+        first: Stretches of the program, which has the cycles and may prescribe forces (N).
+        second: Those of the other one, displacements (m).
+    """
+    ends = [list(accumulate(s.duration for s in one)) for one in (first, second)]
+    whole = max(e[-1] for e in ends)
+    times = [0.0]
+    for end in sorted(chain(*ends)):
+        if end > times[-1] + SAME * whole:
+            times.append(end)
+    one, other = [], []
+    for a, b in zip(_cut(first, times), _cut(second, times), strict=True):
+        steps = max(a.steps, b.steps)
+        one.append(replace(a, steps=steps, jump=a.jump or b.jump))
+        other.append(replace(b, steps=steps))
+    return [one, other]
+
+
+def _cut(stretches: Sequence[Segment], times: Sequence[float]) -> Iterator[Segment]:
+    """Yield stretches cut at times (s) that all their ends are among; a hold after the last."""
+    slack, last = SAME * times[-1], stretches[-1]
+    ends = list(accumulate(s.duration for s in stretches))
+    if (rest := times[-1] - ends[-1]) > slack:
+        stay = Segment(rest, 1, lambda _, b: last.path(last.duration, b), True, force=last.force)
+        stretches, ends = [*stretches, stay], [*ends, times[-1]]
+    for begin, end in pairwise(times):
+        number = bisect_left(ends, (begin + end) / 2)
+        s, start = stretches[number], ends[number] - stretches[number].duration
+        first, final = begin - start <= slack, end >= ends[number] - slack
+        since, until = 0.0 if first else begin - start, s.duration if final else end - start
+        yield Segment(
+            end - begin,
+            max(1, ceil(s.steps * (until - since) / s.duration - SLACK)),
+            partial(_within, s.path, since, until, end - begin),
+            first and s.jump,
+            first and s.starts_cycle,
+            final and s.ends_cycle,
+            s.force,
+        )
+
+
+def _within(
+    path: Callable[[float, float], float],
+    since: float,
+    until: float,
+    duration: float,
+    t: float,
+    before: float,
+) -> float:
+    """Return the value of a path at t (s) within a part of it, which begins and ends exactly."""
+    return path(since + t if t < duration else until, before)
 
 
 #: A value of which is only known that it was there when the program changed to its kind.
@@ -242,15 +315,32 @@ def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
 
 
 def program_of_case(case: Case) -> Program:
-    """Return the load program of a case; each segment starts where the last one ended."""
+    """Return the load program of a case, with the second one if it has one."""
+    first, *second = map(program_of, _plan(case))
+    return replace(first, beside=second[0]) if second else first
+
+
+def planned_steps(case: Case) -> int:
+    """Return the number of planned steps of a case."""
+    return sum(stretch.steps for stretch in _plan(case)[0])
+
+
+def _plan(case: Case) -> list[list[Segment]]:
+    """Return the stretches of each program, which take the same steps."""
+    plans = [_of_segments(p, case.time.steps_per_cycle) for p in case.programs.values()]
+    return plans if len(plans) == 1 else side_by_side(*plans)
+
+
+def _of_segments(segments: Sequence[Any], per_cycle: int) -> list[Segment]:
+    """Return the stretches of segments, each of which starts where the last one ended."""
     stretches: list[Segment] = []
     position: float | None = 0.0
     before = False
-    for segment, force in zip(case.program, prescribe_forces(case.program), strict=True):
+    for segment, force in zip(segments, prescribe_forces(segments), strict=True):
         position = position if force == before else None
-        added, position = _stretches(segment, position, case.time.steps_per_cycle, force)
+        added, position = _stretches(segment, position, per_cycle, force)
         stretches, before = stretches + added, force
-    return program_of(stretches)
+    return stretches
 
 
 def _stretches(

@@ -78,6 +78,11 @@ class State:
         """Displacement of the program in the last accepted state, m."""
         return self.displacements[0]
 
+    @property
+    def second(self) -> float:
+        """Displacement of the second program in the last accepted state, m."""
+        return self._program.second(self.time)
+
     def begin(self) -> None:
         """Take the present state as that at all earlier times, too."""
         self.states = [self._model.field.x.array.copy() for _ in self.states]
@@ -101,13 +106,15 @@ class State:
             until: Time at its end, s.
             jump: The velocity jumps at its start.
         """
-        program, step = self._program, until - self.time
+        program, step, stage = self._program, until - self.time, self._scheme.stage
+        second = self.second
+        self._solver.problem.prescribe_second(second + stage * (program.second(until) - second))
         if self._model.rate_weights:
             self._set_rate(self._scheme.weights(self.lengths(step, jump)))
         if self._memory:
             self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
-        extrapolated = self._predict(until, self._scheme.stage * step, jump)
+        extrapolated = self._predict(until, stage * step, jump)
         if not program.prescribes_force(until):
             return self.solve_for(value)
         assert self.force_control is not None
@@ -118,7 +125,7 @@ class State:
         start = self.before
         if self.time not in program.changes:
             start = program.value(self.time, self.before)
-        value = start + self._scheme.stage * (value - start)
+        value = start + stage * (value - start)
         scale = max(abs(value), abs(self.before), program.largest_force)
         return self.force_control.solve(self, value, scale)
 
@@ -143,6 +150,7 @@ class State:
             field[:] = self.states[0] + change
             if model.rate_weights:
                 self._set_rate(scheme.weights_at_end(self.lengths(step, jump)))
+            self._solver.problem.prescribe_second(self._program.second(until))
             model.loading.set(self.reached)
         return change
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.problem import SolveResult
-from wovenfab.stepping.program import Milestone
+from wovenfab.stepping.program import SLACK, Milestone
 from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ class Step:
         error: Its estimated error in time, where that is measured.
         dissipated_error: Of all dissipated energy since the start by the errors of steps, J.
         derivatives: By material parameters, where they are asked for.
+        second: Displacement of the second program at its end, m.
     """
 
     number: int
@@ -58,6 +59,7 @@ class Step:
     error: StepError | None = None
     dissipated_error: float = 0.0
     derivatives: Derivatives | None = None
+    second: float = 0.0
     force: float = 0.0
     force_transverse: float = 0.0
     force_error: float = 0.0
@@ -125,8 +127,6 @@ class UnsoundSheetError(StepFailedError):
 CUT, GROWTH = 0.5, 2.0
 #: Tangents up to which a step is easy, and harder ones in a row after which steps grow, too.
 EASY, ENOUGH = 3, 5
-#: Round-off of a number of steps.
-SLACK = 1e-9
 #: What a later step depends on.
 MEMORY = "_length", "_before", "_row", "_target"
 

@@ -346,6 +346,7 @@ class TimeStepper:
             number=self._state.number,
             time=self._state.time,
             displacement=self._state.displacement,
+            second=self._state.second,
             reactions=self._problem.constraints.reactions(balance.forces.force),
             stored=self._problem.model.stored_energy(),
             dissipated=dict(balance.dissipated),

@@ -21,6 +21,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -344,7 +345,8 @@ def _is_text(statement: ast.AST) -> bool:
 def case_files(case: Case) -> list[Path]:
     """Return the files that a case names."""
     named = [e.file for e in case.scene if e.file is not None]
-    named += [segment.samples.file for segment in case.program if isinstance(segment, Table)]
+    segments = chain(*case.programs.values())
+    named += [segment.samples.file for segment in segments if isinstance(segment, Table)]
     return named if isinstance(case.sheet, Rectangle) else [*named, case.sheet.file]
 
 

@@ -14,6 +14,7 @@ from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
+from wovenfab.stepping.program import planned_steps
 from wovenfab.study.cluster import Cluster, command_of, take
 from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
 from wovenfab.study.variations import OVER, Variation
@@ -42,7 +43,7 @@ class Member:
     @property
     def steps(self) -> int:
         """Number of planned load steps."""
-        return self.case.planned_steps
+        return planned_steps(self.case)
 
     @property
     def weight(self) -> float:

@@ -11,6 +11,7 @@ from math import log2
 from wovenfab.case import Case, Rectangle
 from wovenfab.case.quantities import plain
 from wovenfab.simulation.response import with_steps
+from wovenfab.stepping.program import planned_steps
 from wovenfab.stepping.schemes import SCHEMES, Scheme
 
 #: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
@@ -64,8 +65,11 @@ def planned(case: Case, factor: float) -> Case:
 
 def steps_of(case: Case) -> tuple[str, ...]:
     """Return the values of a case that make its planned steps."""
-    program = json.dumps([plain(segment) for segment in case.program])
-    return f"time.steps_per_cycle={case.time.steps_per_cycle}", f"program={program}"
+    programs = (
+        f"{name}={json.dumps([plain(segment) for segment in segments])}"
+        for name, segments in case.programs.items()
+    )
+    return f"time.steps_per_cycle={case.time.steps_per_cycle}", *programs
 
 
 def in_space(case: Case) -> list[Iterator[Setting]]:
@@ -149,7 +153,7 @@ def _finer_steps(
     name = f"{scheme.name}, adaptive" if adaptive else scheme.name
     for level in count():
         with_these = planned(case, COARSEST if adaptive else COARSEST * 2**level)
-        what, size, tolerance = f"{with_these.planned_steps} steps", None, "null"
+        what, size, tolerance = f"{planned_steps(with_these)} steps", None, "null"
         if adaptive:
             error = _FIRST_TOLERANCE / 2 ** (scheme.order * level)
             what, tolerance = f"tolerance {100 * error:.2g} %", f"{error:.6g}"
