@@ -128,7 +128,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_two(scheme: str)
         return np.arctanh((push - K_C * b) / ZETA) / ETA
 
     exact = solve_ivp(rate, (0, duration), [0.0], "Radau", rtol=1e-11, atol=1e-15).y[0, -1]
-    model = pushed_slider("slip_friction", length, lambda _, program: push * length * program)
+    model = pushed_slider("slip_friction", length, lambda _, program, __: push * length * program)
     errors, imbalances = [], []
     for steps in (20, 40, 80, 160):
         suddenly = ramp(0.0, 1.0, 1e-6 * duration, 1)

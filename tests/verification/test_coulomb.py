@@ -67,7 +67,7 @@ def test_a_driven_slider_loses_four_zeta_amplitudes_a_cycle(count: int, scheme: 
 def test_a_pushed_slider_is_elastic_and_plastic() -> None:
     """K_c b + zeta sign(db/dt) = f, and at rest while the spring needs less than zeta."""
     loads = [0.5, 0.9, 1.5, 3.0, 2.0, 1.1, 0.5, 0.0, 0.5, 2.5, 4.0]  # of zeta
-    model = pushed_slider("slip_friction:coulomb", 0.2, lambda _, t: ZETA * 0.2 * t, 1)
+    model = pushed_slider("slip_friction:coulomb", 0.2, lambda _, t, __: ZETA * 0.2 * t, 1)
     program = program_of([ramp(a, b, 1.0, 1) for a, b in pairwise([0.0, *loads])])
     run = scenes.run(model, program, grips=(SECOND_AT_REST,))
     assert run.failure is None
