@@ -106,7 +106,7 @@ def loss(time: float, stroke: float, period: float, eta: float) -> float:
 
 
 def pushed_slider(
-    friction: str, length: float, push: Callable[[object, float], float], history: int = 2
+    friction: str, length: float, push: Callable[[object, float, float], float], history: int = 2
 ) -> Model:
     """Return a slider pushed (N/m) at the end of yarns that hardly stretch."""
     values = {
