@@ -32,21 +32,27 @@ def test_an_interruption_in_a_callback_of_petsc_is_known_as_one() -> None:
     snes.destroy()
 
 
+def signalled(number: signal.Signals, folder: Path, *options: str) -> tuple[Path, int, str]:
+    """Start a long run, send it a signal after some steps; return results, exit code and errors."""
+    (folder / "small.yaml").write_text(CASE.replace("cycle: 8", "cycle: 20000"))
+    command = [sys.executable, "-m", "wovenfab", "run", "small.yaml", *options]
+    results = folder / "results" / "small"
+    history = results / "history.csv"
+    with subprocess.Popen(command, cwd=folder, text=True, stderr=subprocess.PIPE) as running:
+        while running.poll() is None and (not history.exists() or len(rows(results)) < 5):
+            time.sleep(0.1)
+        running.send_signal(number)
+        _, told = running.communicate(timeout=15 if options else 10)
+    return results, running.returncode, told
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP])
 def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    (tmp_path / "small.yaml").write_text(CASE.replace("cycle: 8", "cycle: 20000"))
-    command = [sys.executable, "-m", "wovenfab", "run", "small.yaml"]
-    results = tmp_path / "results" / "small"
-    history = results / "history.csv"
-    with subprocess.Popen(command, cwd=tmp_path, text=True, stderr=subprocess.PIPE) as running:
-        while running.poll() is None and (not history.exists() or len(rows(results)) < 5):
-            time.sleep(0.1)
-        running.send_signal(number)
-        _, told = running.communicate(timeout=10)
+    results, code, told = signalled(number, tmp_path)
     last = rows(results)[-1]["step"]
-    assert running.returncode == 128 + number
+    assert code == 128 + number
     assert told.startswith(f"wovenfab: {number.name} after step {last}; ") and told.count("\n") == 1
     assert "'wovenfab resume results/small' goes on" in told
     assert [int(row["step"]) for row in rows(results)] == list(range(int(last) + 1))
@@ -63,17 +69,9 @@ def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
 def test_a_signal_to_a_run_on_two_ranks_lets_both_end_their_step(
     number: signal.Signals, tmp_path: Path
 ) -> None:
-    (tmp_path / "small.yaml").write_text(CASE.replace("cycle: 8", "cycle: 20000"))
-    command = [sys.executable, "-m", "wovenfab", "run", "small.yaml", "--ranks", "2"]
-    results = tmp_path / "results" / "small"
-    history = results / "history.csv"
-    with subprocess.Popen(command, cwd=tmp_path, text=True, stderr=subprocess.PIPE) as running:
-        while running.poll() is None and (not history.exists() or len(rows(results)) < 5):
-            time.sleep(0.1)
-        running.send_signal(number)
-        _, told = running.communicate(timeout=15)
+    results, code, told = signalled(number, tmp_path, "--ranks", "2")
     last = rows(results)[-1]["step"]
-    assert running.returncode == 128 + number
+    assert code == 128 + number
     assert f"wovenfab: SIGUSR1 after step {last}; 'wovenfab resume results/small' goes on" in told
     assert json.loads((results / "summary.json").read_text())["ranks"] == 2
     until = f"{float(rows(results)[-1]['time_s']) * 1.2} s"
