@@ -24,8 +24,6 @@ ARITHMETIC = {
     ("fem/assemble.py", "assemble_scalar"),
     ("~", "<method 'setUp' of 'petsc4py.PETSc.KSP' objects>"),
     ("~", "<method 'solve' of 'petsc4py.PETSc.KSP' objects>"),
-    ("~", "{method 'setUp' of 'petsc4py.PETSc.KSP' objects}"),
-    ("~", "{method 'solve' of 'petsc4py.PETSc.KSP' objects}"),
 }
 REPEATS = 3
 

@@ -103,7 +103,7 @@ def test_a_table_is_read_from_beside_the_case(example: str, tmp_path: Path) -> N
     table = case.program[0]
     assert isinstance(table, Table)
     assert table.samples.times == (0.0, 0.5, 1.0)
-    assert table.samples.displacements == (0.0, 1e-3, 0.0)
+    assert table.samples.values == (0.0, 1e-3, 0.0)
     assert _equal(again(case, tmp_path / "elsewhere"), case)
 
 

@@ -164,7 +164,7 @@ def test_files_are_relative_to_the_file_that_names_them(folder: Path, example: s
     case = read_case(Path("case.yaml"))
     assert [e.file for e in case.scene if e.file] == [far / "my_effect.py"]
     assert case.sheet.file == near / "sheet.geo"
-    assert case.program[0].samples.displacements == (0.0, 3e-3)
+    assert case.program[0].samples.values == (0.0, 3e-3)
     replaced = read_case(Path("case.yaml"), ["sheet.file=far/sheet.geo"])
     assert replaced.sheet.file == far / "sheet.geo"
 

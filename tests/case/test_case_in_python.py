@@ -67,7 +67,7 @@ def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: Wr
     sheet = SheetFile(file="sheet.geo", fibres=("45 deg", "-45 deg"))
     case = Case(**SECTIONS | {"sheet": sheet, "program": [Table(file="u.csv")]})
     assert case.sheet.file == tmp_path / "sheet.geo"
-    assert case.program[0].samples.displacements == (0.0, 1e-3)
+    assert case.program[0].samples.values == (0.0, 1e-3)
 
 
 @pytest.mark.parametrize(

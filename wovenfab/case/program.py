@@ -273,7 +273,7 @@ def reached(program: Sequence[Segment], start: float = 0.0) -> list[float]:
             case Trapezoid(to=end):
                 values += [end, start]
             case Table(samples=samples):
-                values += samples.displacements
+                values += samples.values
     return values
 
 
@@ -297,14 +297,14 @@ def joints(program: Sequence[Segment]) -> Iterator[Finding]:
                     yield ("program", i, "velocity"), unknown, remedy
                 here = here if isinstance(segment, Trapezoid) else end
             case Table(samples=samples):
-                path, start = ("program", i, "file"), samples.displacements[0]
+                path, start = ("program", i, "file"), samples.values[0]
                 if samples.times[0] == 0 and start != here:
                     at = "another one" if here is None else f"{here:g} {unit}"
                     jump = f"the table starts at {start:g} {unit}, where the program is at {at}"
                     yield path, jump, "Give the first row a later time, to ramp to it."
                 if samples.times[-1] == 0:
                     yield path, "the table has no row after time zero", ""
-                here = samples.displacements[-1]
+                here = samples.values[-1]
         before = force
 
 

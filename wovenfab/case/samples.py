@@ -26,14 +26,14 @@ class Samples:
     Attributes:
         file: The CSV file it was read from.
         times: Strictly increasing, from the start of the segment, s.
-        displacements: One for each time, m; they are forces (N) where ``force`` is true.
+        values: Displacements (m), or forces (N) where ``force`` is true; one for each time.
         rows: Number of rows of the file; more than there are times where it was thinned.
         force: Whether the column is force_N.
     """
 
     file: Path
     times: tuple[float, ...]
-    displacements: tuple[float, ...]
+    values: tuple[float, ...]
     rows: int
     force: bool = False
 
@@ -67,7 +67,7 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
         raise wrong(f"{value}: the table is empty")
     if rows[0][0] < 0:
         raise wrong(f"{value}:2: times must not be negative, got {rows[0][0]}")
-    times, displacements, places = zip(*rows, strict=True)
+    times, values, places = zip(*rows, strict=True)
     for before, time, place in zip(times, times[1:], places[1:], strict=False):
         if time <= before:
             raise wrong(f"{place}: times must increase, got {time} after {before}")
@@ -76,9 +76,9 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
             raise wrong(
                 f"{value}: a tolerance is a length, and the column is {FORCE}", "Leave it out."
             )
-        corners = thinned(list(zip(times, displacements, strict=True)), tolerance)
-        times, displacements = zip(*corners, strict=True)
-    return Samples(path, times, displacements, len(rows), force)
+        corners = thinned(list(zip(times, values, strict=True)), tolerance)
+        times, values = zip(*corners, strict=True)
+    return Samples(path, times, values, len(rows), force)
 
 
 def _row(row: dict[str, Any], place: str, columns: Iterable[str]) -> tuple[float, float, str]:

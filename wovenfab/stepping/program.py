@@ -367,6 +367,6 @@ def _stretches(
                 once += added
             return load_cycle(once) * repeat, start
     assert isinstance(segment, Table)
-    samples, divisions = segment.samples, segment.divisions
-    values = samples.displacements
-    return table(start, samples.times, values, divisions, force), values[-1]
+    samples = segment.samples
+    stretches = table(start, samples.times, samples.values, segment.divisions, force)
+    return stretches, samples.values[-1]
