@@ -54,6 +54,12 @@ def test_a_trapezoid_is_ramp_hold_ramp_and_rest_and_a_cycle() -> None:
     assert case.planned_steps == len(program.milestones) - 1 == 160
 
 
+def test_a_trapezoid_of_a_force_is_refused_with_the_way_to_do_it() -> None:
+    path = CONFIGS / "programs" / "trapezoid.yaml"
+    with pytest.raises(CaseError, match=r"a trapezoid goes to a displacement, not to a force\. W"):
+        read_case(path, ["program.to=40 N"])
+
+
 def fewest_rows(rows: list[tuple[float, float]], tolerance: float) -> int:
     """Return the number of pieces of the best path through rows alone."""
     best = [0] + [len(rows)] * (len(rows) - 1)

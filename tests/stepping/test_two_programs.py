@@ -18,7 +18,7 @@ from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Segment, cycle, planned_steps, program_of_case, ramp
 from wovenfab.stepping.program import side_by_side as beside
-from wovenfab.stepping.step import Step
+from wovenfab.stepping.step import Step, StepFailedError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SIDE, STIFFNESS = 0.2, (1.27e8, 0.45e8)
@@ -211,6 +211,18 @@ def test_the_force_of_the_first_may_be_prescribed_beside_the_displacement_of_the
     assert held == pytest.approx([1e5 / STIFFNESS[0]] * 4, rel=1e-6)
     assert [s.force for s in steps[4:]] == pytest.approx([1e5] * 4, rel=1e-6)
     assert steps[-1].reactions["top"][1] == pytest.approx(STIFFNESS[1] * 3e-3, rel=1e-9)
+
+
+def test_a_failed_step_names_the_displacements_of_both_programs() -> None:
+    far = [{"type": "ramp", "to": to, "duration": 1, "steps": 1} for to in ("20 mm", "40 mm")]
+    case = square(
+        boundary={"left": "clamp", "right": {"displacement": ["program", "second_program"]}},
+        program=far[0], second_program=far[1],
+        solver={"max_iterations": 1}, time={"smallest_step": 0.6},
+    )  # fmt: skip
+    told = r"\(displacement 20 mm, of the second program 40 mm\) even with a step of 1 s"
+    with pytest.raises(StepFailedError, match=told):
+        steps_of(case)
 
 
 @pytest.mark.parametrize(

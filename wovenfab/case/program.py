@@ -27,7 +27,6 @@ from wovenfab.case.quantities import (
     Duration,
     Frequency,
     Json,
-    Length,
     Newtons,
     OneOr,
     Quantity,
@@ -185,7 +184,7 @@ class Trapezoid(_Segment):
     type: Literal["trapezoid"] = Field(default="trapezoid", json_schema_extra=hide_default)
     """Kind of segment."""
 
-    to: Length = Field(examples=["40 mm"])
+    to: Annotated[float, Driven()] = Field(examples=["40 mm"])
     """Displacement of the hold."""
 
     velocity: Speed = Field(examples=["0.1 m/s"])
@@ -202,6 +201,13 @@ class Trapezoid(_Segment):
 
     steps: AtLeastOne = 20
     """Number of equal steps of each ramp, hold and rest."""
+
+    @model_validator(mode="after")
+    def _no_force(self) -> Trapezoid:
+        if isinstance(self.to, Newtons):
+            remedy = "Write two ramps with a duration and a hold between them."
+            raise wrong("a trapezoid goes to a displacement, not to a force", remedy)
+        return self
 
     def parts(self, start: float) -> tuple[Ramp | Hold, ...]:
         """Return the segments that it is short for, once."""

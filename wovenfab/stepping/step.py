@@ -75,6 +75,7 @@ class StepFailedError(Exception):
         result: How the last attempt ended.
         cutbacks: Rejected attempts since the last accepted step.
         diagnosis: Worst point, probable cause and remedy, where they are known.
+        second: Displacement of the second program, which was not reached either, m.
     """
 
     def __init__(
@@ -85,15 +86,17 @@ class StepFailedError(Exception):
         result: SolveResult,
         cutbacks: int,
         diagnosis: Diagnosis | None = None,
+        second: float = 0.0,
     ) -> None:
         """Say where and why."""
         why = f". {diagnosis}" if diagnosis else ""
+        beside = f", of the second program {1e3 * second:.6g} mm" if second else ""
         super().__init__(
-            f"no equilibrium at t = {time:.6g} s (displacement {1e3 * displacement:.6g} mm) even "
-            f"with a step of {step:.3g} s: {result.reason} after {result.iterations} iterations, "
-            f"residual {result.residual:.3g} N{why}"
+            f"no equilibrium at t = {time:.6g} s (displacement {1e3 * displacement:.6g} mm"
+            f"{beside}) even with a step of {step:.3g} s: {result.reason} after "
+            f"{result.iterations} iterations, residual {result.residual:.3g} N{why}"
         )
-        self.time, self.displacement, self.step = time, displacement, step
+        self.time, self.displacement, self.second, self.step = time, displacement, second, step
         self.result, self.cutbacks, self.diagnosis = result, cutbacks, diagnosis
 
 

@@ -267,8 +267,9 @@ class TimeStepper:
                 from wovenfab.solver.diagnosis import diagnose
 
                 diagnosis = diagnose(self._solver, result, state.states[0])
+                second = self._program.second(until)
                 raise StepFailedError(
-                    until, state.reached, length, result, self._cutbacks, diagnosis
+                    until, state.reached, length, result, self._cutbacks, diagnosis, second
                 )
             state.restore()
 
