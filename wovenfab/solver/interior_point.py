@@ -155,7 +155,8 @@ class InteriorPoint:
 
     def advance(self, move: Increment, length: float) -> None:
         """Take a step."""
-        self.stress = np.clip(self.stress + length * move.stress, -self.bound, self.bound)
+        most = (1 - CLOSEST) * self.bound  # at the bound itself a creep is infinite
+        self.stress = np.clip(self.stress + length * move.stress, -most, most)
         self._up = self._up + length * move.up
         self._down = self._down + length * move.down
 

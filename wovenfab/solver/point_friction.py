@@ -31,16 +31,15 @@ from wovenfab.solver.interior_point import Aim, FrictionPoints, Increment, Inter
 from wovenfab.solver.linear import LinearSolver
 
 Array = NDArray[np.float64]
-
-
 #: Largest length of a step over that at which a bound is reached; exponent of the centring.
 SHARE, CENTRING = 0.995, 4
 #: Largest number of centrality corrections; step length from which none is tried; gain in
 #: length that a correction aims at, and the one that it must give.
 CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
-#: Stiffness of the friction in the first step, and its largest one later, both over that of
-#: the sheet. The solution depends on neither.
-FIRST, LARGEST = 1e-3, 1e3
+#: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
+#: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
+#: as stiff as its yarns in tension; in shear it may be a million times softer.
+FIRST, UNKNOWN, LARGEST = 1e-3, 1e-5, 1e3
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
 #: Energy by which the law may be missed, in units of the tolerance: over the dissipated energy,
@@ -51,12 +50,15 @@ HUGE = 1e30
 STUCK = 1e7
 #: Least distance of a stress from its bound there, over the bound.
 INSIDE = 1e-12
+#: Values at points that later steps depend on.
+MEMORY = ("_accepted", "_stiffness", "_secant")
 
 
 class PointStress:
     """The friction stresses of a model at quadrature points, through Newton's steps.
 
     Attributes:
+        points: Where they are.
         diagonal: Size of the diagonal of the tangent without friction, N/m.
     """
 
@@ -69,18 +71,18 @@ class PointStress:
         """
         self._forms, self._bcs, self._comm = model.friction_force, list(bcs), model.comm
         self._acting = model.friction
-        self._points = points = FrictionPoints(model.point_frictions, model.space)
+        self.points = points = FrictionPoints(model.point_frictions, model.space)
         self._interior = InteriorPoint(points.bound, points.area)
         self._area = self._sum(float(points.area.sum()))
         self._stress = np.zeros_like(points.bound)  # the present one
         self._accepted = self._stress
         self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
+        self._secant: Array | None = None  # bound over the largest increment of the last step
         self.diagonal = 0.0
         self._started = self._moved = False
         self._increment = self._tangent = self._creep = self._stress
         self._move: Increment | None = None
-        self._force = model.field.x.petsc_vec.duplicate()
-        self._solution = self._force.duplicate()
+        self._force, self._solution = (model.field.x.petsc_vec.duplicate() for _ in range(2))
 
     def begin(self, diagonal: Callable[[], float]) -> None:
         """Begin a step at the accepted stresses; collective.
@@ -89,32 +91,32 @@ class PointStress:
             diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
         self._started = self._moved = False
-        if self._points.renew():
-            self._accepted = np.clip(self._accepted, -self._points.bound, self._points.bound)
+        if self.points.renew():
+            self._accepted = np.clip(self._accepted, -self.points.bound, self.points.bound)
         if self._stiffness is None:
             self._stiffness = self._sheet_stiffness(diagonal)
 
     def accept(self) -> None:
-        """Take the present stresses as those of the accepted state."""
+        """Take the present stresses as those of the accepted state; collective."""
         self._accepted = self._stress
+        largest = self.points.largest(self._increment)
+        if not self._idle and largest.any():
+            self._secant = self.points.bound / np.maximum(largest, 1 / HUGE)
 
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
         self._set_stress(self._accepted)
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the accepted stresses, and the stiffness once it is known."""
-        return {
-            "accepted": self._points.by_cell(self._accepted),
-            "stiffness": None if self._stiffness is None else self._points.by_cell(self._stiffness),
-            "diagonal": self.diagonal,
-        }
+        """Return the accepted stresses, and stiffnesses once they are known."""
+        known = {k: getattr(self, k) for k in MEMORY}
+        values = {k: None if v is None else self.points.by_cell(v) for k, v in known.items()}
+        return values | {"diagonal": self.diagonal}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on with those of a snapshot."""
-        self._accepted = self._points.of_cells(snapshot["accepted"])
-        if snapshot["stiffness"]:
-            self._stiffness = self._points.of_cells(snapshot["stiffness"])
+        for name in filter(snapshot.get, MEMORY):
+            setattr(self, name, self.points.of_cells(snapshot[name]))
         self.diagonal = snapshot["diagonal"]
         self.restore()
 
@@ -127,25 +129,24 @@ class PointStress:
         if self._idle:
             self._set_stress(np.zeros_like(self._accepted))
             return
-        self._increment = self._points.increments()
+        self._increment = self.points.increments()
         if self._started:
             self._set_stress(self._interior.stress)
             return
-        assert self._stiffness is not None
-        first = FIRST * self._stiffness
-        self._points.put_tangent(first)
+        first = self._first()
+        self.points.put_tangent(first)
         self._set_stress(self._accepted + first * self._increment)
         if attained and self._moved:
             self._start()
 
     def prepare_tangent(self) -> None:
         """Give the forms d tau/d b."""
-        assert self._stiffness is not None
-        self._tangent = FIRST * self._stiffness * float(not self._idle)
+        self._tangent = self._first() * float(not self._idle)
         if self._started:
-            self._creep, slope = self._points.creep()
+            assert self._stiffness is not None
+            self._creep, slope = self.points.creep()
             self._tangent = self._interior.tangent(slope, LARGEST * self._stiffness)
-        self._points.put_tangent(self._tangent)
+        self.points.put_tangent(self._tangent)
 
     def add_force(self, b: Any) -> None:
         """Add the force (N) of the stresses to a vector, ghosts not yet summed."""
@@ -155,9 +156,9 @@ class PointStress:
 
     def add_force_of(self, stresses: Array, b: Any) -> None:
         """Add the force (N) of other stresses to a vector, ghosts not yet summed."""
-        self._points.put_stress(stresses)
+        self.points.put_stress(stresses)
         self.add_force(b)
-        self._points.put_stress(self._stress)
+        self.points.put_stress(self._stress)
 
     def correct(self, linear: LinearSolver, y: Any) -> float:
         """Complete Newton's step; collective.
@@ -209,15 +210,10 @@ class PointStress:
         if self._idle:
             return True
         if not self._started:  # nothing has moved, and nothing creeps
-            active = self._points.creeps or bool(self._increment.any())
+            active = self.points.creeps or bool(self._increment.any())
             return not self._sum(float(active))
         gap, loss = self._sum(self._interior.gap()), self._sum(self._interior.loss())
         return gap <= OF_LOSS * tolerance * loss or gap <= OF_ENERGY * tolerance * energy()
-
-    @property
-    def points(self) -> FrictionPoints:
-        """The points."""
-        return self._points
 
     def linearise(self) -> tuple[Array, Array]:
         """Linearise the law at the solution, and give the forms the tangent.
@@ -229,26 +225,24 @@ class PointStress:
             d tau/d b, and d b/d zeta at fixed stress, at each point.
         """
         none = np.zeros_like(self._accepted)
-        if self._idle:
-            tangent, by_bound = none, none
-        else:
+        tangent, by_bound = none, none
+        if not self._idle:
             assert self._stiffness is not None
-            most = STUCK * self._stiffness
-            tangent, by_bound = most, none
+            tangent = most = STUCK * self._stiffness
             if self._started:
-                _, slope = self._points.creep()
+                _, slope = self.points.creep()
                 tangent = self._interior.tangent(slope, most)
                 by_bound = -self._interior.bound_slope()
-        self._points.put_tangent(tangent)
+        self.points.put_tangent(tangent)
         return tangent, by_bound
 
     @contextmanager
     def off_bounds(self) -> Iterator[None]:
         """Give the forms stresses that are not at their bounds even by round-off."""
-        most = (1 - INSIDE) * self._points.bound
-        self._points.put_stress(np.clip(self._stress, -most, most))
+        most = (1 - INSIDE) * self.points.bound
+        self.points.put_stress(np.clip(self._stress, -most, most))
         yield
-        self._points.put_stress(self._stress)
+        self.points.put_stress(self._stress)
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
@@ -260,9 +254,16 @@ class PointStress:
         """Whether there is no friction: left out for the initial state, or without strength."""
         return float(self._acting.value) == 0 or self._area == 0
 
+    def _first(self) -> Array:
+        """Return d tau/d b for the first iteration: as if all slid as in the last step."""
+        assert self._stiffness is not None
+        if self._secant is None:
+            return UNKNOWN * self._stiffness
+        return np.minimum(FIRST * self._stiffness, self._secant)
+
     def _start(self) -> None:
         """Start the interior-point method from where the first step has led."""
-        points, interior = self._points, self._interior
+        points, interior = self.points, self._interior
         assert self._stiffness is not None
         least = NOTHING * points.bound / (FIRST * self._stiffness)
         interior.place(self._stress)
@@ -287,7 +288,7 @@ class PointStress:
             aim: Target of the stresses.
         """
         excess = self._tangent * (self._increment - aim.increment)
-        self._points.put_stress(excess)
+        self.points.put_stress(excess)
         with self._force.localForm() as local:
             local.set(0.0)
         self.add_force(self._force)
@@ -295,12 +296,12 @@ class PointStress:
         fem_petsc.set_bc(self._force, self._bcs, alpha=0.0)
         linear.solve(self._force, self._solution)
         self._solution.axpy(1.0, plain)
-        changes = self._points.changes(-self._solution.array_r)
+        changes = self.points.changes(-self._solution.array_r)
         return self._interior.move(excess + self._tangent * changes, aim)
 
     def _sheet_stiffness(self, diagonal: Callable[[], float]) -> Array:
         """Return the stiffness (N/m^3) of the sheet at each point, by the tangents' sizes."""
-        points = self._points
+        points = self.points
         none = np.zeros_like(points.bound)
         points.put_stress(none)
         points.put_tangent(none)
@@ -314,7 +315,7 @@ class PointStress:
 
     def _set_stress(self, stress: Array) -> None:
         self._stress = stress
-        self._points.put_stress(stress)
+        self.points.put_stress(stress)
 
     def _sum(self, value: float) -> float:
         return float(self._comm.allreduce(value, op=MPI.SUM))
