@@ -91,6 +91,9 @@ def _parabola(times: Array, values: Array, origin: float) -> np.poly1d:
 FEWEST = 4
 #: Share of an accuracy to which forces must balance where responses are compared.
 LOOSE = 0.1
+#: Dissipated energy, over the largest force times the largest displacement, that is none: friction
+#: that nowhere slides leaves as much by rounding.
+NOTHING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -133,11 +136,10 @@ class Response:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Peak force (N) and all the energy dissipated (J)."""
-        return {
-            "peak_force_N": peak_force(self.forces),
-            "dissipated_J": float(self.dissipated[-1]),
-        }
+        """Peak force (N) and all the energy dissipated (J), zero if that is next to nothing."""
+        peak, loss = peak_force(self.forces), float(self.dissipated[-1])
+        least = NOTHING * abs(peak) * float(np.abs(self.displacements).max())
+        return {"peak_force_N": peak, "dissipated_J": loss if loss > least else 0.0}
 
     @property
     def count(self) -> int:
