@@ -15,7 +15,7 @@ from ruamel.yaml import YAML
 
 from tests.case.reading import EXAMPLE, told
 from wovenfab.case import json_schema, read_case
-from wovenfab.case.reference import published_schema
+from wovenfab.cli.check import published_schema
 
 DATA = YAML(typ="safe").load(EXAMPLE)
 EFFECT = (Path(__file__).parents[2] / "docs" / "examples" / "my_effect.py").read_text()

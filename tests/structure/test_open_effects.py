@@ -15,8 +15,7 @@ import forms
 from forms import effects
 from tests.structure.test_installed import CASE as SMALL
 from wovenfab.case import CaseError, json_schema, read_case
-from wovenfab.case.reference import effects_page
-from wovenfab.cli.check import describe
+from wovenfab.cli.check import describe, effects_page
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results

@@ -32,8 +32,9 @@ from wovenfab.study.target_accuracy.estimate import (
     response_with_degree,
     worst,
 )
-from wovenfab.study.target_accuracy.plan import Limits, plan
+from wovenfab.study.target_accuracy.plan import plan
 from wovenfab.study.target_accuracy.time_steps import steps_for
+from wovenfab.study.target_accuracy.trials import Limits
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 #: Between these an estimate over the true error is useful.

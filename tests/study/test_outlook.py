@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from wovenfab.simulation.progress import memory
-from wovenfab.study.target_accuracy.plan import (
+from wovenfab.study.target_accuracy.trials import (
     Limits,
     Trial,
     next_cells,

@@ -359,7 +359,7 @@ def schema(
     import json
 
     from wovenfab.case import json_schema
-    from wovenfab.case.reference import effects_page, published_schema
+    from wovenfab.cli.check import effects_page, published_schema
 
     if effects:
         typer.echo(effects_page(), nl=False)

@@ -25,7 +25,14 @@ from uuid import uuid4
 
 from wovenfab.case import Case, refusal
 from wovenfab.case.document import parse_document
-from wovenfab.record.results import CHECKPOINT, COMMAND, EARLIER_CHECKPOINT, INPUT, write_whole
+from wovenfab.record.results import (
+    CHECKPOINT,
+    CHOICES,
+    COMMAND,
+    EARLIER_CHECKPOINT,
+    INPUT,
+    write_whole,
+)
 from wovenfab.study.runner import Command, Ended, Submit, case_files, goes_on, here, run
 
 LOCAL, SLURM = "local", "slurm"
@@ -260,6 +267,7 @@ def command_of(case: Case, results: Path, log: Path, known: str, ranks: int, sen
             files=portable(case),
         )
     folder = Path.cwd() if sent else None
+    variables |= {CHOICES: str(results.absolute().with_name("choices.jsonl"))}
     return Command(arguments, ranks, log, inf, variables, folder, results, elsewhere=elsewhere)
 
 

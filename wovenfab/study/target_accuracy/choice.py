@@ -1,19 +1,33 @@
-"""A target accuracy in words: what was chosen for it before a run, and its errors after it."""
+"""A target accuracy in words: what was chosen for it before a run, and its errors after it.
+
+Runs of a sweep remember what they chose: the search of a neighbouring scene starts there.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 import logging
+import os
+import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
+from math import inf
 from pathlib import Path
 from typing import Any
 
 from wovenfab.case import Case, Cycles
+from wovenfab.parallel import on_root
+from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.study.target_accuracy.plan import Plan, plan
+from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 logger = logging.getLogger(__name__)
+#: Ratio of two numbers up to which cases that differ in nothing but numbers are neighbours.
+NEAR = 1.5
+_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 #: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
@@ -38,7 +52,11 @@ def choose(
             sheets[size] = sheet_of(trial, sheet.mesh.comm)
         return sheets[size]
 
-    chosen = plan(case, mesher, progress)
+    path = Path(text) if (text := os.environ.get(CHOICES)) else None
+    start = known_start(case, path) if path and sheet.mesh.comm.rank == 0 else Start()
+    chosen = plan(case, mesher, progress, start=sheet.mesh.comm.bcast(start))
+    if path and not chosen.shortfall:
+        on_root(sheet.mesh.comm, lambda: remember(case, chosen.start, path))
     d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     words = f"chosen: degree {d.degree}, cells{size}{_steps(chosen.case)}"
@@ -50,6 +68,55 @@ def choose(
             best = f", estimated error {_percent(chosen.estimate.worst)}"
         say(f"{_missed(chosen.shortfall, case.accuracy)}; this is the best that was tried{best}")
     return chosen
+
+
+def known_start(case: Case, path: Path) -> Start:
+    """Return where the search for a case may start: with what its nearest neighbour chose.
+
+    Args:
+        case: A case with an accuracy.
+        path: File of choices, which need not exist.
+    """
+    words, numbers = _words_and_numbers(case)
+    near: list[tuple[float, Start]] = []
+    with suppress(OSError):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            with suppress(ValueError, TypeError, KeyError):  # another version's, or half a line
+                known = json.loads(line)
+                if known["words"] != words or len(known["numbers"]) != len(numbers):
+                    continue
+                if (ratio := _ratio(known["numbers"], numbers)) <= NEAR:
+                    steps = known["steps"] and (str(known["steps"][0]), float(known["steps"][1]))
+                    near.append((ratio, Start(int(known["cells"]), int(known["degree"]), steps)))
+    if not near:
+        return Start()
+    _, start = min(near, key=lambda one: one[0])
+    logger.info("the search starts with what a neighbouring scene chose: %s", start)
+    return start
+
+
+def remember(case: Case, start: Start, path: Path) -> None:
+    """Add a choice to a file of choices, as one line: others may add theirs meanwhile."""
+    words, numbers = _words_and_numbers(case)
+    line = json.dumps({"words": words, "numbers": numbers, **vars(start)})
+    with suppress(OSError), path.open("a", encoding="utf-8") as file:
+        file.write(line + "\n")
+
+
+def _words_and_numbers(case: Case) -> tuple[str, list[float]]:
+    """Return a mark of all words in what the results of a case depend on, and its numbers."""
+    text = case.model_dump_json(exclude={"title", "output"}, by_alias=True)
+    words = hashlib.sha256(_NUMBER.sub("#", text).encode()).hexdigest()[:16]
+    return words, [float(number) for number in _NUMBER.findall(text)]
+
+
+def _ratio(some: list[float], others: list[float]) -> float:
+    """Return the largest ratio of two numbers; infinite if only one of them is zero."""
+    ratios = [1.0]
+    for a, b in zip(some, others, strict=True):
+        if a != b:
+            ratios.append(max(a / b, b / a) if a * b > 0 else inf)
+    return max(ratios)
 
 
 def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
-from math import ceil, inf, log
 from time import perf_counter
 
 from mpi4py import MPI
@@ -15,7 +13,13 @@ from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.progress import memory, memory_of_machine
-from wovenfab.simulation.response import Response, TooLongError, trial_of, with_elements
+from wovenfab.simulation.response import (
+    Response,
+    TooLongError,
+    has_fixed_steps,
+    trial_of,
+    with_elements,
+)
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
@@ -25,6 +29,13 @@ from wovenfab.study.target_accuracy.estimate import (
     response_with_degree,
 )
 from wovenfab.study.target_accuracy.time_steps import Report, steps_for
+from wovenfab.study.target_accuracy.trials import (
+    Limits,
+    Trial,
+    next_cells,
+    out_of_reach,
+    over_limits,
+)
 
 logger = logging.getLogger(__name__)
 
@@ -50,6 +61,21 @@ Mesher = Callable[[Case], Sheet]
 
 
 @dataclass(frozen=True)
+class Start:
+    """Where a search starts: with what a neighbouring scene needed, or with the coarsest.
+
+    Attributes:
+        cells: Number across the sheet's shorter side.
+        degree: Of the elements that are judged first, by one lower and one higher.
+        steps: Kind of the steps and their number over that of the first trial, if known.
+    """
+
+    cells: int = COARSEST
+    degree: int = DEGREES[1]
+    steps: tuple[str, float] | None = None
+
+
+@dataclass(frozen=True)
 class Plan:
     """Elements and steps for an accuracy.
 
@@ -59,6 +85,7 @@ class Plan:
         estimate: Its errors; None where no trial reached its end.
         shortfall: Why the accuracy is not reached, or empty.
         reachable: About the least error of elements that limits allow, if known, otherwise 0.
+        start: Where the search of a neighbouring scene may start.
     """
 
     case: Case
@@ -66,9 +93,16 @@ class Plan:
     estimate: Estimate | None
     shortfall: str = ""
     reachable: float = 0.0
+    start: Start = Start()
 
 
-def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = None) -> Plan:
+def plan(
+    case: Case,
+    mesher: Mesher,
+    report: Report,
+    limits: Limits | None = None,
+    start: Start = Start(),
+) -> Plan:
     """Return elements and steps for the accuracy of a case; collective.
 
     Elements are chosen first, with few steps, and then the steps, with coarse elements: the
@@ -81,6 +115,7 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
         report: Called with a line on each trial.
         limits: Of memory and time; a share of the machine's memory, and the longer the smaller
             the accuracy, if None.
+        start: Where the search starts.
     """
     assert case.accuracy is not None
     time = case.time
@@ -96,7 +131,10 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
         limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
     aim = AIM * case.accuracy
     share = ELEMENTS_SHARE if base.needs.history else 1.0
-    elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet).run()
+    search = _MeshSearch(base, share * aim, mesher, limits, report, sheet, start)
+    if has_fixed_steps(base):
+        search.share = 1.0
+    elements = search.run()
     if elements.reachable:
         able = f"about {100 * elements.reachable / (share * AIM):.2g} % can be asked for"
         elements = replace(elements, shortfall=f"{elements.shortfall}; {able}")
@@ -110,14 +148,17 @@ def plan(case: Case, mesher: Mesher, report: Report, limits: Limits | None = Non
     coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
     coarse, coarse_sheet = meshed(coarse, mesher, sheet)
     left = max(aim - error, (1 - ELEMENTS_SHARE) * max(aim, error))
-    steps = steps_for(elements.case, trial_of(coarse, left), coarse_sheet, left, report)
+    trial = trial_of(coarse, left)
+    steps = steps_for(elements.case, trial, coarse_sheet, left, report, start.steps)
+    cells = round(shorter_side(sheet) / d.mesh_size) if d.mesh_size else COARSEST
     if steps is None:
-        return elements
+        return replace(elements, start=Start(cells, d.degree))
     estimate = replace(elements.estimate, time=steps.errors)
     shortfall = elements.shortfall if estimate.worst > case.accuracy else ""
     if not shortfall and estimate.worst > case.accuracy:
         shortfall = "shorter steps were not tried"
-    return replace(elements, case=steps.case, estimate=estimate, shortfall=shortfall)
+    found = Start(cells, d.degree, (steps.kind, steps.number))
+    return Plan(steps.case, elements.sheet, estimate, shortfall, elements.reachable, found)
 
 
 @dataclass
@@ -131,6 +172,7 @@ class _MeshSearch:
         limits: Of memory and time.
         report: Called with a line on each trial.
         sheet: The sheet with any mesh.
+        start: The first mesh and degrees.
         best: The best elements so far.
         share: Share of the usual steps, which is enough for all degrees.
         seconds: Wall time of the steps of the last mesh, without compiling.
@@ -142,13 +184,14 @@ class _MeshSearch:
     limits: Limits
     report: Report
     sheet: Sheet
+    start: Start
     best: Plan | None = None
     share: float = FEW
     seconds: float = 0.0
 
     def run(self) -> Plan:
         """Return the elements that are accurate enough, or the best; collective."""
-        cells, reachable, failure = COARSEST, 0.0, ""
+        cells, lowest, reachable, failure = self.start.cells, self.start.degree - 1, 0.0, ""
         trials: list[Trial] = []
         while True:
             start = perf_counter()
@@ -160,7 +203,7 @@ class _MeshSearch:
                 break
             error = None
             try:
-                error = self._error(trial, sheet, self._left(trials))
+                error = self._error(trial, sheet, self._left(trials), lowest)
             except (StepFailedError, StabilityLostError) as problem:
                 self.seconds = perf_counter() - start
                 failure = f"no trial got to its end: {problem}"
@@ -178,7 +221,7 @@ class _MeshSearch:
             if need:
                 reason = f"it needs elements with about {need}, more than allowed"
                 break
-            cells = next_cells(trials, self.target)
+            cells, lowest = next_cells(trials, self.target), DEGREES[0]
         logger.info("elements: accuracy not reached: %s", reason)
         if self.best is None:
             case = with_elements(self.case, degree=DEGREES[1])
@@ -189,40 +232,69 @@ class _MeshSearch:
         """Return the time that is left for trials, s."""
         return self.limits.patience - sum(t.seconds for t in trials)
 
-    def _error(self, trial: Case, sheet: Sheet, left: float) -> float | None:
+    def _error(self, trial: Case, sheet: Sheet, left: float, lowest: int) -> float | None:
         """Return the error on a mesh by the lowest degree that is good enough, or by the best.
 
         Args:
             trial: The case with that mesh.
             sheet: Its sheet.
             left: Time that the steps may take, s.
+            lowest: Degree that is tried first.
         """
         responses: list[Response] = []
-        error, self.seconds = None, 0.0
-        for degree in DEGREES:
+        error, degree, self.seconds = None, lowest, 0.0
+        while degree <= DEGREES[-1]:
             unknowns = _unknowns(trial, sheet, degree)
             if memory(unknowns) > self.limits.memory:
                 break
             self.report(f"elements: degree {degree}, {unknowns} unknowns")
-            lower = responses[-1] if responses else None
-            short = trial_of(trial, self.target)
-            seconds = left - self.seconds
-            responses.append(response_with_degree(short, sheet, degree, self.share, lower, seconds))
-            self.seconds += responses[-1].seconds
-            # degrees are compared with equal steps
-            if responses[-1].outcome.cutbacks and self.share < 1:
+            response = self._response(trial, sheet, degree, responses, left)
+            if response is None:
                 self.share *= 2
-                self.report("once more with twice the steps, for some had to be cut")
-                return self._error(trial, sheet, left - self.seconds)
+                self.report("once more with twice the steps, for they cannot be made")
+                degree, responses = lowest, []
+                continue
+            responses.append(response)
+            degree += 1
             if len(responses) < 3:
                 continue
-            degrees = (degree - 2, degree - 1, degree)
+            degrees = (degree - 3, degree - 2, degree - 1)
             refinement = DegreeRefinement(degrees, tuple(responses[-3:]))
-            case = with_elements(trial, degree=degree - 1)
-            error = self._add(case, sheet, Estimate(refinement, degree - 1))
+            case = with_elements(trial, degree=degree - 2)
+            error = self._add(case, sheet, Estimate(refinement, degree - 2))
             if error <= self.target:
                 break
         return error
+
+    def _response(
+        self, trial: Case, sheet: Sheet, degree: int, lower: Sequence[Response], left: float
+    ) -> Response | None:
+        """Return the response with a degree; None where its few steps cannot be made.
+
+        Degrees are compared with equal steps, so that few ones are not cut.
+
+        Args:
+            trial: The case with a mesh.
+            sheet: Its sheet.
+            degree: Of the elements.
+            lower: Responses of lower degrees.
+            left: Time that all steps of the mesh may take, s.
+        """
+        short, are_few = trial_of(trial, self.target), self.share < 1
+        if are_few:
+            whole = short.time.model_copy(update={"smallest_step": 1.0})
+            short = short.model_copy(update={"time": whole})
+        before, start = lower[-1] if lower else None, perf_counter()
+        seconds = left - _slowest(sheet, self.seconds)
+        try:
+            response = response_with_degree(short, sheet, degree, self.share, before, seconds)
+        except StepFailedError:
+            self.seconds += perf_counter() - start
+            if are_few:
+                return None
+            raise
+        self.seconds += response.seconds
+        return None if are_few and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
         """Keep the best; return the error."""
@@ -268,123 +340,3 @@ def _slowest(sheet: Sheet, seconds: float) -> float:
 
 def _unknowns(case: Case, sheet: Sheet, degree: int) -> int:
     return placements_on(sheet.mesh, degree, case.needs.placements, sheet.jumps).unknowns
-
-
-#: Least, usual and largest order of an error in the size of cells; where it is judged whether
-#: an accuracy is out of reach, the usual one is the least.
-SLOW, USUAL, FAST = 2.0, 3.0, 4.0
-#: Growth of unknowns with the number of cells across, least and largest; of time with unknowns.
-LINE, AREA, GROWTH = 1.0, 2.0, 1.2
-#: Share of the target that finer cells aim at, so that they do not just miss it.
-MARGIN = 0.8
-#: Largest growth of the number of cells, and that where a trial did not reach its end.
-MOST_GROWTH, RETRY_GROWTH = 2.0, 4 / 3
-#: Growth of the number of cells in the search for the finest that limits allow.
-SEARCH_GROWTH = 1.05
-
-
-@dataclass(frozen=True)
-class Limits:
-    """Limits of the trials.
-
-    Attributes:
-        memory: Of the run, bytes.
-        time: For all trials of elements, s.
-        patience: After which a trial is given up on its way, s.
-    """
-
-    memory: float
-    time: float = 150.0
-    patience: float = inf
-
-
-@dataclass(frozen=True)
-class Trial:
-    """Trials on one mesh.
-
-    Attributes:
-        cells: Across the shorter side of the sheet.
-        unknowns: Of the elements by which meshes are compared.
-        seconds: Their wall time.
-        error: Of the best elements; None where none reached the end.
-    """
-
-    cells: int
-    unknowns: int
-    seconds: float
-    error: float | None
-
-
-def next_cells(trials: Sequence[Trial], target: float) -> int:
-    """Return the number of cells to try next for a target error, after one trial or more."""
-    last = trials[-1]
-    if last.error is None:
-        return max(last.cells + 1, int(RETRY_GROWTH * last.cells))
-    needed = _needed(last, MARGIN * target, _order(trials, SLOW))
-    return max(last.cells + 1, min(ceil(needed), ceil(MOST_GROWTH * last.cells)))
-
-
-def over_limits(unknowns: float, trials: Sequence[Trial], limits: Limits) -> str:
-    """Return what elements would need in words, if that is more than the limits allow."""
-    if (need := memory(ceil(unknowns))) > limits.memory:
-        return f"{_rounded(unknowns)} unknowns and {need / 1e9:.2g} GB of memory"
-    if trials:
-        spent = sum(t.seconds for t in trials)
-        takes = spent + trials[-1].seconds * (unknowns / trials[-1].unknowns) ** GROWTH
-        if takes > limits.time:
-            return f"{_rounded(unknowns)} unknowns, whose trials take {takes / 60:.2g} min"
-    return ""
-
-
-def out_of_reach(trials: Sequence[Trial], target: float, limits: Limits) -> tuple[str, float]:
-    """Return what a target error would need if that is too much, and the least error possible.
-
-    It is judged by the last two meshes; before there are two, nothing is out of reach.
-
-    Args:
-        trials: The trials so far.
-        target: The error.
-        limits: Of memory and time.
-
-    Returns:
-        The need in words, or nothing; about the error that the limits allow.
-    """
-    known = [t for t in trials if t.error is not None]
-    if len(known) < 2:
-        return "", 0.0
-    last, growth = known[-1], _growth(known)
-
-    def needs(cells: float) -> str:
-        return over_limits(last.unknowns * (cells / last.cells) ** growth, trials, limits)
-
-    if not (reason := needs(_needed(last, target, _order(known, USUAL)))):
-        return "", 0.0
-    finest = next(c for n in count() if needs((c := last.cells * SEARCH_GROWTH**n) * SEARCH_GROWTH))
-    assert last.error is not None
-    return reason, last.error * (last.cells / finest) ** _order(known, SLOW)
-
-
-def _needed(last: Trial, target: float, order: float) -> float:
-    assert last.error is not None
-    return float(last.cells * (last.error / target) ** (1 / order))
-
-
-def _order(trials: Sequence[Trial], least: float) -> float:
-    """Return the order in the size of cells that the last two meshes show."""
-    known = [t for t in trials if t.error]
-    if len(known) < 2:
-        return FAST
-    coarse, fine = known[-2:]
-    assert coarse.error and fine.error
-    seen = log(coarse.error / fine.error) / log(fine.cells / coarse.cells)
-    return min(max(seen, least), FAST)
-
-
-def _growth(trials: Sequence[Trial]) -> float:
-    coarse, fine = trials[-2:]
-    seen = log(fine.unknowns / coarse.unknowns) / log(fine.cells / coarse.cells)
-    return min(max(seen, LINE), AREA)
-
-
-def _rounded(unknowns: float) -> str:
-    return f"{float(f'{unknowns:.2g}'):.0f}"

@@ -48,11 +48,15 @@ class TimeSteps:
         case: The case with them.
         errors: Their signed errors over the figures.
         effort: Tangents in the trial.
+        kind: Equal or adaptive steps, in words.
+        number: Of steps over that of the first trial.
     """
 
     case: Case
     errors: dict[str, float]
     effort: float
+    kind: str
+    number: float
 
 
 def equal_steps(case: Case, number: float) -> Case:
@@ -69,7 +73,12 @@ Kind = Callable[[Case, float], Case]
 
 
 def steps_for(
-    case: Case, trial: Case, sheet: Sheet, target: float, report: Report
+    case: Case,
+    trial: Case,
+    sheet: Sheet,
+    target: float,
+    report: Report,
+    known: tuple[str, float] | None = None,
 ) -> TimeSteps | None:
     """Return the steps with which a case costs least, or None where none can be chosen.
 
@@ -79,24 +88,29 @@ def steps_for(
         sheet: The sheet of the trial.
         target: Error of the steps over the figures.
         report: Called with a line on each trial.
+        known: Kind and number of the steps that a neighbouring scene needed: they are tried first,
+            and taken if they are enough.
     """
     if not case.needs.history:
         return None
+    words, likely = known or ("", 1.0)
     kinds: list[Kind] = [] if has_fixed_steps(case) else [equal_steps]
     if _measured(case):
         kinds.append(adaptive_steps)
+    kinds.sort(key=lambda kind: _words(kind) != words)
     options: list[TimeSteps] = []
     for kind in kinds:
         least = min((o.effort for o in options if _reaches(o.errors, target)), default=inf)
-        if (enough := _enough(kind, trial, sheet, target, least, report)) is None:
+        first = likely / 2 if _words(kind) == words else 1.0
+        if (enough := _enough(kind, trial, sheet, target, least, report, first)) is None:
             continue
         number, errors, effort = enough
-        options.append(TimeSteps(kind(case, number), errors, effort))
+        options.append(TimeSteps(kind(case, number), errors, effort, _words(kind), number))
         log.info(
             "%s: %.3g times the first, error %.2g of %.2g, %.0f tangents",
             _words(kind), number, worst(errors), target, effort,
         )  # fmt: skip
-        if number <= EASY and _reaches(errors, target):
+        if (number <= EASY or _words(kind) == words) and _reaches(errors, target):
             break
     if not options:
         return None
@@ -122,14 +136,21 @@ def _words(kind: Kind) -> str:
 
 
 def _enough(
-    kind: Kind, trial: Case, sheet: Sheet, target: float, least: float, report: Report
+    kind: Kind,
+    trial: Case,
+    sheet: Sheet,
+    target: float,
+    least: float,
+    report: Report,
+    number: float,
 ) -> tuple[float, dict[str, float], float] | None:
     """Return how many times the first steps are enough, their errors and tangents.
 
-    None where none can be made, or where they would take more tangents than ``least``.
+    None where none can be made, or where they would take more tangents than ``least``. The first
+    trial has ``number`` times the first steps.
     """
     fewer: Response | None = None
-    best, number = None, 1.0
+    best = None
     order = min(scheme_of(trial).order, BELIEVED)
     for _ in range(TRIALS):
         try:
