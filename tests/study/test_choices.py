@@ -1,0 +1,117 @@
+"""What is chosen for an accuracy: from a neighbour's choice, with too few steps, without losses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import wovenfab
+from tests.study.test_estimate import case_of, elements, sheet
+from wovenfab.case import Case
+from wovenfab.record.results import CHOICES
+from wovenfab.simulation.response import response_of
+from wovenfab.study.target_accuracy.choice import known_start, remember
+from wovenfab.study.target_accuracy.plan import Plan, Start, plan
+
+RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
+FOUND = Start(5, 4, ("equal steps", 2.0))
+#: Of a fabric that is two hundred thousand times softer in shear than along its yarns.
+SOFT = (
+    "effects.stretch.stiffness=1.261e6 N/m",
+    "effects.shear.stiffness=6.277 N/m",
+    "effects.bending.stiffness=12.74 N*m",
+    "effects.spin_friction={law: coulomb, strength: 12.7 N/m}",
+    "sheet={length: 0.5355, width: 0.3564, fibres: [45 deg, -45 deg]}",
+    "program={type: ramp, to: 15.83 mm, steps: 6, velocity: 17 mm/s}",
+)
+
+
+def elastic(*overrides: str) -> Case:
+    return case_of("elastic-1x3", "accuracy=1 %", "discretisation=null", RAMP, *overrides)
+
+
+def planned(case: Case, start: Start = Start()) -> tuple[Plan, list[str]]:
+    """Return the plan for a case, and the lines on its trials."""
+    lines: list[str] = []
+    return plan(case, sheet, lines.append, start=start), lines
+
+
+def test_a_neighbour_starts_where_the_last_one_ended_and_is_as_accurate() -> None:
+    one, afresh = planned(elastic("accuracy=0.3 %"))
+    near = elastic("accuracy=0.3 %", "effects.shear.stiffness=500 N/m")
+    other, lines = planned(near, one.start)
+    print(f"\n{len(afresh)} lines on trials afresh, {len(lines)} from {one.start}")
+    assert not other.shortfall and other.estimate is not None and other.estimate.worst < 3e-3
+    assert len(lines) < len(afresh)
+    assert other.case.discretisation.degree == one.case.discretisation.degree
+
+
+def test_what_is_found_by_a_neighbour_is_remembered(tmp_path: Path) -> None:
+    path = tmp_path / "choices.jsonl"
+    assert known_start(elastic(), path) == Start()
+    remember(elastic(), FOUND, path)
+    remember(elastic("effects.shear.stiffness=450 N/m"), replace(FOUND, cells=7), path)
+    assert known_start(elastic(), path) == FOUND
+    assert known_start(elastic("effects.shear.stiffness=460 N/m"), path).cells == 7
+    assert known_start(elastic("title=another"), path) == FOUND
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "effects.shear.stiffness=700 N/m",
+        "accuracy=0.1 %",
+        "sheet.fibres=[45 deg, 45.5 deg]",
+        "boundary.left=[{displacement: [0, 0]}]",
+        "program={type: ramp, to: -20 mm, steps: 8}",
+    ],
+)
+def test_what_is_no_neighbour_starts_afresh(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "choices.jsonl"
+    remember(elastic(), FOUND, path)
+    assert known_start(elastic(change), path) == Start()
+
+
+def test_lines_that_cannot_be_read_are_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "choices.jsonl"
+    path.write_text('{"words": 3}\n[1]\nnull\n{"words": "')
+    assert known_start(elastic(), path) == Start()
+    path.write_text(path.read_text() + "\n")
+    remember(elastic(), FOUND, path)
+    assert known_start(elastic(), path) == FOUND
+
+
+def test_runs_that_are_told_of_a_file_use_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "choices.jsonl"
+    monkeypatch.setenv(CHOICES, str(path))
+    wovenfab.simulate(elastic("accuracy=5 %"))
+    assert len(path.read_text().splitlines()) == 1
+    assert known_start(elastic("accuracy=5 %"), path).degree >= 3
+
+
+def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more() -> None:
+    far = "program={type: ramp, to: 80 mm, steps: 40}"
+    case = elastic("accuracy=5 %", far, "solver.max_iterations=2", "solver.predictor=none")
+    chosen, lines = planned(case)
+    assert "once more with twice the steps, for they cannot be made" in lines
+    assert not chosen.shortfall
+
+
+def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:
+    stuck = "effects.slip_friction={law: coulomb, strength: 1e9 N/m^2}"
+    case = case_of("bias-1x3", stuck, elements(2, 0.15), "time=null", RAMP[:-1] + ", duration: 1}")
+    response = response_of(case, sheet(case))
+    assert response.figures["dissipated_J"] == 0.0
+    assert abs(response.figures["peak_force_N"]) > 1.0
+
+
+def test_friction_at_its_bound_takes_few_iterations_on_a_fabric_that_is_soft_in_shear() -> None:
+    case = case_of("bonded-1x3", *SOFT, elements(3, 0.15), "time=null")
+    outcome = response_of(case, sheet(case)).outcome
+    print(f"\n{outcome.tangents} tangents in {outcome.steps} steps")
+    assert not outcome.cutbacks
+    assert outcome.tangents <= 8 * outcome.steps
