@@ -16,6 +16,7 @@ from wovenfab.study.target_accuracy.choice import known_start, remember
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
+AFRESH = Start()
 FOUND = Start(5, 4, ("equal steps", 2.0))
 #: Of a fabric that is two hundred thousand times softer in shear than along its yarns.
 SOFT = (
@@ -32,7 +33,7 @@ def elastic(*overrides: str) -> Case:
     return case_of("elastic-1x3", "accuracy=1 %", "discretisation=null", RAMP, *overrides)
 
 
-def planned(case: Case, start: Start = Start()) -> tuple[Plan, list[str]]:
+def planned(case: Case, start: Start = AFRESH) -> tuple[Plan, list[str]]:
     """Return the plan for a case, and the lines on its trials."""
     lines: list[str] = []
     return plan(case, sheet, lines.append, start=start), lines
@@ -50,7 +51,7 @@ def test_a_neighbour_starts_where_the_last_one_ended_and_is_as_accurate() -> Non
 
 def test_what_is_found_by_a_neighbour_is_remembered(tmp_path: Path) -> None:
     path = tmp_path / "choices.jsonl"
-    assert known_start(elastic(), path) == Start()
+    assert known_start(elastic(), path) == AFRESH
     remember(elastic(), FOUND, path)
     remember(elastic("effects.shear.stiffness=450 N/m"), replace(FOUND, cells=7), path)
     assert known_start(elastic(), path) == FOUND
@@ -71,13 +72,13 @@ def test_what_is_found_by_a_neighbour_is_remembered(tmp_path: Path) -> None:
 def test_what_is_no_neighbour_starts_afresh(tmp_path: Path, change: str) -> None:
     path = tmp_path / "choices.jsonl"
     remember(elastic(), FOUND, path)
-    assert known_start(elastic(change), path) == Start()
+    assert known_start(elastic(change), path) == AFRESH
 
 
 def test_lines_that_cannot_be_read_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "choices.jsonl"
     path.write_text('{"words": 3}\n[1]\nnull\n{"words": "')
-    assert known_start(elastic(), path) == Start()
+    assert known_start(elastic(), path) == AFRESH
     path.write_text(path.read_text() + "\n")
     remember(elastic(), FOUND, path)
     assert known_start(elastic(), path) == FOUND
