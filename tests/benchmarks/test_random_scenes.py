@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -38,9 +39,13 @@ def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(tmp_path
 
 
 def test_rows_tell_reached_accuracy_from_honesty() -> None:
-    good = Row(1, "", 1, 1, 5.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
-    slow = Row(2, "", 1, 1, 500.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
-    liar = Row(3, "", 1, 1, 5.0, 0.6 * ACCURACY, 0.8 * ACCURACY, "")
-    words = table([good, slow, liar])
+    good = Row(1, "", 1, 1, 5.0, 3.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
+    slow = replace(good, scene=2, seconds=500.0)
+    liar = replace(good, scene=3, true=0.8 * ACCURACY)
+    wrong = replace(good, scene=4, true=1.1 * ACCURACY)
+    unknown = replace(good, scene=5, true=None)
+    words = table([good, slow, liar, wrong, unknown])
     assert good.is_good and good.is_honest and not slow.is_good and not liar.is_honest
-    assert "2 of 3 within 1 % and 60 s" in words and "stated one: 3." in words
+    assert not wrong.is_good and unknown.is_good
+    assert "3 of 5 within 1 % and 60 s" in words
+    assert "stated one: 3, 4 of 4 with a reference." in words

@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import Response, response_of
+from wovenfab.simulation.from_case import model_of, sheet_of
+from wovenfab.simulation.response import Response, prolongated, response_of, with_elements
 from wovenfab.study.target_accuracy.estimate import ERRORS, error_shares, write_errors
 from wovenfab.study.target_accuracy.plan import Plan, plan
 
@@ -77,3 +77,17 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     own, whole = (error_shares(*p.estimate.models) for p in (together, alone))
     gathered = np.concatenate(COMM.allgather(own))
     assert np.sort(gathered) == pytest.approx(np.sort(whole), abs=SAME)
+
+
+@pytest.mark.parametrize("angle", [45, 35])
+def test_a_field_is_the_same_in_elements_of_higher_degree_on_any_rank(angle: int) -> None:
+    """Also at nodes of a rank that are in none of its cells, as there are on two."""
+    fibres = f"sheet.fibres=[{angle} deg, -{angle} deg]"
+    case = with_elements(read_case(CONFIGS / "bias-1x3.yaml", [fibres]), mesh_size=0.1)
+    on = sheet_of(case, COMM)
+    low, high = (model_of(with_elements(case, degree=p), on) for p in (2, 3))
+    for model in (low, high):
+        x, y = model.placements.positions.T
+        model.field.x.array.reshape(-1, 2)[:] = np.column_stack([x + y**2, y - x * y])
+    found = prolongated(low.field.x.array, low, high)
+    assert found == pytest.approx(high.field.x.array, abs=1e-13)

@@ -16,6 +16,8 @@ from typing import Any
 
 import basix.ufl
 import numpy as np
+from dolfinx import fem
+from dolfinx.la import InsertMode
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -270,16 +272,25 @@ def has_fixed_steps(case: Case) -> bool:
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:
-    """Return unknowns (m, with ghosts) of a higher degree that make the same field."""
+    """Return unknowns (m, with ghosts) of a higher degree that make the same field; collective."""
     elements = [
         basix.ufl.element("Lagrange", "triangle", m.balance.degree).basix_element
         for m in (low, high)
     ]
     table = elements[0].tabulate(0, elements[1].points)[0, :, :, 0]
-    of_cells = values.reshape(-1, 2)[low.placements.blocks]
-    result = np.zeros(high.field.x.array.size).reshape(-1, 2)
-    result[high.placements.blocks] = np.einsum("ij,cjkd->cikd", table, of_cells)
-    return result.ravel()
+    rows = np.einsum("ij,cjkd->cikd", table, values.reshape(-1, 2)[low.placements.blocks])
+    nodes, result = high.placements.blocks, fem.Function(high.space).x
+    if high.comm.size > 1:  # a rank may have nodes that are in none of its cells
+        own = high.sheet.mesh.topology.index_map(2).size_local
+        number = fem.Function(high.space).x
+        result.array.reshape(-1, 2)[nodes[:own]] = rows[:own]
+        number.array.reshape(-1, 2)[nodes[:own]] = 1.0
+        for vector in (result, number):
+            vector.scatter_reverse(InsertMode.add)
+            vector.scatter_forward()
+        result.array[:] /= number.array
+    result.array.reshape(-1, 2)[nodes] = rows
+    return np.array(result.array)
 
 
 class Prolongation:
