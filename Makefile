@@ -49,8 +49,9 @@ bench: ## measure speed, as phases and ratios in one run
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
 	$(enter) python3 -m benchmarks.hard $(rows) $(quick)
 
-random: ## 1 % on fabrics drawn at random, count=100 of them, seed=1 (hours; goes on)
+random: ## 1 % on fabrics drawn at random: docs/random-fabrics.md (two hours; goes on)
 	$(enter) python3 -m benchmarks.random_scenes $(count) $(seed)
+	$(enter) python3 -m benchmarks.random_page
 
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)

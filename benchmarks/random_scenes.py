@@ -1,8 +1,9 @@
-"""``python -m benchmarks.random_scenes [COUNT] [SEED]``: 1 % on fabrics drawn at random.
+"""``python -m benchmarks.random_scenes [COUNT] [SEED] [FINER]``: 1 % on fabrics drawn at random.
 
 Each scene is run as a user would run it, on two ranks and with an empty cache of compiled forms.
 Then the results of each are compared with those of finer cells of another degree and of half the
-steps. Rows are stored: a command that is repeated goes on.
+steps. The first FINER scenes are run for 0.3 %, too. Rows are stored: a command that is repeated
+goes on.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ ROOT = Path(__file__).parents[1]
 CHOOSING = Path(target_accuracy.__path__[0])
 SOURCES = [CHOOSING / f"{name}.py" for name in ("plan", "trials", "time_steps", "estimate")]
 RESULTS = Path("results") / "random"
-COUNT, SEED = 100, 1
-ACCURACY, RANKS = 0.01, 2
+COUNT, SEED, FINER_COUNT = 100, 1, 10
+ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2
 #: Seconds in which 1 % is wanted, and after which a run and its reference are ended.
 WANTED, LIMIT, REFERENCE_LIMIT = 60.0, 300.0, 900.0
 #: Error (%) that may be larger than what is said.
@@ -81,13 +82,14 @@ class Row:
         return 100 * (self.true - self.stated) <= MORE
 
 
-def scene(number: int, seed: int, folder: Path) -> Path:
+def scene(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Path:
     """Write the case of a scene into a folder; return the file.
 
     Args:
         number: Of the scene; it and the seed decide on everything.
         seed: Of all scenes.
         folder: An existing folder.
+        accuracy: That is wanted.
     """
     draw = np.random.default_rng([seed, number])
 
@@ -128,7 +130,7 @@ def scene(number: int, seed: int, folder: Path) -> Path:
         "effects": effects,
         "boundary": {"left": "clamp", "right": {"displacement": ["program", 0]}},
         "program": program,
-        "accuracy": f"{100 * ACCURACY:g} %",
+        "accuracy": f"{100 * accuracy:g} %",
         "output": {"pictures": False},
     }
     path = folder / f"scene-{seed}-{number}.yaml"
@@ -164,15 +166,16 @@ def _friction(draw: np.random.Generator, strength: str | float, slope: str | flo
     return {"strength": strength, "slope": slope}
 
 
-def row(number: int, seed: int, folder: Path) -> Row:
+def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row:
     """Run a scene.
 
     Args:
         number: Of the scene.
         seed: Of all scenes.
         folder: For its files and results.
+        accuracy: That is wanted.
     """
-    path, out, cache = scene(number, seed, folder), folder / "run", folder / "cache"
+    path, out, cache = scene(number, seed, folder, accuracy), folder / "run", folder / "cache"
     kind = read_case(path).title
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
@@ -257,30 +260,37 @@ def table(rows: list[Row]) -> str:
     return "\n".join([markdown(head, cells), "", *words])
 
 
-def main(count: int, seed: int) -> None:
-    """Run the scenes, then their references; print each row, and the table."""
-    store, rows, folders = Store(RESULTS.resolve()), list[Row](), list[Path]()
-    names = [f"{seed}-{number}" for number in range(1, count + 1)]
-
-    def keep(name: str, made: Row) -> Row:
-        store.save(name, keys[name], asdict(made))
-        print(made, flush=True)
-        return made
-
-    keys = {}
-    for number, name in enumerate(names, start=1):
+def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, Row]:
+    """Return the rows of so many scenes by their names, of which those that lack are run."""
+    rows = {}
+    for number in range(1, count + 1):
+        name = f"{seed}-{number}" + (f"-{accuracy:g}" if accuracy != ACCURACY else "")
         folder = store.folder / name
         folder.mkdir(parents=True, exist_ok=True)
-        keys[name] = fingerprint(read_case(scene(number, seed, folder)), Path(__file__), *SOURCES)
-        known = store.load(name, keys[name])
-        rows.append(Row(**known) if known else keep(name, row(number, seed, folder)))
-        folders.append(folder)
-    for i, (name, made) in enumerate(zip(names, rows, strict=True)):
+        key = fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
+        if not (known := store.load(name, key)):
+            store.save(name, key, asdict(row(number, seed, folder, accuracy)))
+            known = store.load(name, key)
+            print(name, known, flush=True)
+        rows[name] = Row(**known)
+    return rows
+
+
+def main(count: int, seed: int, finer: int) -> None:
+    """Run the scenes, then their references; print each row, and the table."""
+    store = Store(RESULTS.resolve())
+    rows = rows_for(store, count, seed, ACCURACY)
+    rows_for(store, finer, seed, FINER_ACCURACY)
+    for name, made in rows.items():
         if made.true is None and not made.reason:
-            rows[i] = keep(name, checked(made, folders[i]))
-    print("\n" + table(rows))
+            folder = store.folder / name
+            key = fingerprint(read_case(scene(made.scene, seed, folder)), *SOURCES)
+            rows[name] = checked(made, folder)
+            store.save(name, key, asdict(rows[name]))
+            print(name, rows[name], flush=True)
+    print("\n" + table(list(rows.values())))
 
 
 if __name__ == "__main__":
-    given = [int(text) for text in sys.argv[1:3]]
-    main(*(given + [COUNT, SEED][len(given) :]))
+    given = [int(text) for text in sys.argv[1:4]]
+    main(*(given + [COUNT, SEED, FINER_COUNT][len(given) :]))

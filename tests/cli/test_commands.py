@@ -254,6 +254,18 @@ def test_check_says_what_an_effect_would_bring_and_which_does_nothing(folder: Pa
     assert f"adding slip_friction or viscous_slip {second} and rates" in without.stdout
 
 
+def test_check_says_how_long_an_accuracy_takes(folder: Path) -> None:
+    def told(accuracy: str) -> str:
+        wanted = f"accuracy={accuracy}", "discretisation=null", "time=null"
+        overrides = [word for text in wanted for word in ("--set", text)]
+        return wovenfab("check", "small.yaml", *overrides, cwd=folder).stdout
+
+    at_once, slower = (
+        re.search(r"% takes about (\d+) s on two processors", told(a)) for a in ("1 %", "0.3 %")
+    )
+    assert at_once and slower and int(at_once[1]) < int(slower[1])
+
+
 def test_check_prints_the_case_as_resolved_and_nothing_else(folder: Path, tmp_path: Path) -> None:
     text = f"from: {os.path.relpath(folder / 'small.yaml', tmp_path)}\ntitle: Other"
     (tmp_path / "other.yaml").write_text(text)

@@ -86,8 +86,23 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {count} unknowns, "
         f"{planned_steps(case)} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
+        *_time_for_accuracy(case),
         *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
         "the case is valid",
+    ]
+
+
+def _time_for_accuracy(case: Case) -> list[str]:
+    """Return in words how long a wanted accuracy takes."""
+    if case.accuracy is None:
+        return []
+    from wovenfab.study.target_accuracy.choice import expected_seconds
+
+    seconds = float(f"{expected_seconds(case):.1g}")
+    words = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
+    return [
+        f"{100 * case.accuracy:g} % takes about {words} on two processors, by experience with "
+        "other fabrics (a third to three times of that)"
     ]
 
 

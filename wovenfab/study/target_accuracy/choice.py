@@ -1,4 +1,4 @@
-"""A target accuracy in words: what was chosen for it before a run, and its errors after it.
+"""A target accuracy in words: its time, what was chosen before a run, and its errors after it.
 
 Runs of a sweep remember what they chose: the search of a neighbouring scene starts there.
 """
@@ -12,9 +12,12 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from math import inf
+from itertools import chain
+from math import exp, inf, log
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from wovenfab.case import Case, Cycles
 from wovenfab.parallel import on_root
@@ -22,11 +25,17 @@ from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.study.target_accuracy.plan import Plan, Start, plan
+from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
 
 logger = logging.getLogger(__name__)
 #: Ratio of two numbers up to which cases that differ in nothing but numbers are neighbours.
 NEAR = 1.5
+#: Logarithms of seconds, for each of the traits of a case: of all trials with compiling, and of a
+#: cycle or ramp with what was chosen, on two processors. ``make random`` fits and prints them.
+TRIALS = (2.88, -0.11, 0.27, 0.48, 0.1, 0.11, 0.5)
+RUN = (1.67, -0.26, -0.05, 0.21, 0.39, 0.07, 0.5)
+#: Angle to the mean of the families beyond which fibres are askew, rad.
+ASKEW = 0.01
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 #: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
@@ -68,6 +77,37 @@ def choose(
             best = f", estimated error {_percent(chosen.estimate.worst)}"
         say(f"{_missed(chosen.shortfall, case.accuracy)}; this is the best that was tried{best}")
     return chosen
+
+
+def traits(case: Case) -> tuple[float, ...]:
+    """Return what the time for an accuracy depends on, by experience.
+
+    Args:
+        case: A case with an accuracy.
+
+    Returns:
+        1; whether there are two placements, history, a set-valued law, cycles, fibres askew to
+        the axis; by how many times the accuracy is below 1 %, its logarithm.
+    """
+    assert case.accuracy is not None
+    segments = chain(*case.programs.values())
+    return (
+        1.0,
+        float(case.needs.placements == 2),
+        float(case.needs.history),
+        float(any(entry.effect.set_valued for entry in case.scene)),
+        float(any(isinstance(segment, Cycles) for segment in segments)),
+        float(abs(sum(case.sheet.fibres)) > ASKEW),
+        log(USUAL_ACCURACY / case.accuracy),
+    )
+
+
+def expected_seconds(case: Case) -> float:
+    """Return about how long a case with an accuracy takes on two processors, s."""
+    known = traits(case)
+    trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
+    segments = chain(*case.programs.values())
+    return trials + run * max(1, sum(s.count for s in segments if isinstance(s, Cycles)))
 
 
 def known_start(case: Case, path: Path) -> Start:

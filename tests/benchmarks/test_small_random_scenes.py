@@ -1,0 +1,30 @@
+"""A dozen small scenes drawn at random reach their accuracy, and their stated errors are honest."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.random_scenes import FIGURES, MORE, finer_case, scene
+from tests.study.test_estimate import sheet
+from wovenfab.case import read_case
+from wovenfab.simulation.response import response_of
+from wovenfab.study.target_accuracy.plan import plan
+
+SEED, ACCURACY = 1, 0.03
+
+
+@pytest.mark.parametrize("number", [3, 10, 24, 31, 32, 36, 37, 39, 40, 43, 47, 49])
+def test_an_accuracy_is_reached_and_the_stated_error_is_honest(number: int, tmp_path: Path) -> None:
+    case = read_case(scene(number, SEED, tmp_path, ACCURACY))
+    chosen = plan(case, sheet, lambda text: None)
+    assert not chosen.shortfall and chosen.estimate is not None
+    finer = finer_case(chosen.case)
+    found = response_of(chosen.case, chosen.sheet).figures
+    exact = response_of(finer, sheet(finer)).figures
+    true = max(abs(found[f] / exact[f] - 1) for f in FIGURES if exact[f])
+    stated = chosen.estimate.worst
+    print(f"\n{case.title}: stated {stated:.2%}, true {true:.2%}")
+    assert true <= ACCURACY
+    assert true <= stated + MORE / 100
