@@ -114,7 +114,8 @@ def main() -> None:
         f"# {100 * ACCURACY:g} % on fabrics drawn at random\n\nWritten by `make random`: "
         f"{len(rows)} scenes of seed {SEED}, each run for `accuracy: {100 * ACCURACY:g} %` on "
         f"{RANKS} ranks, with nothing compiled before. Times are those of one machine with two "
-        "processors, where other work may have been going on.\n\n"
+        "processors, where other work may have been going on. "
+        "`python3 -m benchmarks.random_page` draws the picture and fits the times.\n\n"
         f"![Time against stated error](pictures/{PICTURE.name})\n\n"
     )
     more = sum(not r.reason and (r.stated or 1.0) <= FINER_ACCURACY for r in finer)

@@ -38,8 +38,9 @@ SHARE, CENTRING = 0.995, 4
 CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
 #: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
-#: as stiff as its yarns in tension; in shear it may be a million times softer.
-FIRST, UNKNOWN, LARGEST = 1e-3, 1e-5, 1e3
+#: as stiff as its yarns in tension; in shear it may be a million times softer. And how often the
+#: bound over the largest increment of the last step it may have.
+FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
 #: Energy by which the law may be missed, in units of the tolerance: over the dissipated energy,
@@ -99,9 +100,8 @@ class PointStress:
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
         self._accepted = self._stress
-        largest = self.points.largest(self._increment)
-        if not self._idle and largest.any():
-            self._secant = self.points.bound / np.maximum(largest, 1 / HUGE)
+        if (largest := self.points.largest(self._increment)).any() and not self._idle:
+            self._secant = SECANT * self.points.bound / np.maximum(largest, 1 / HUGE)
 
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
@@ -255,7 +255,7 @@ class PointStress:
         return float(self._acting.value) == 0 or self._area == 0
 
     def _first(self) -> Array:
-        """Return d tau/d b for the first iteration: as if all slid as in the last step."""
+        """Return d tau/d b for the first iteration: nearly as if all slid as in the last step."""
         assert self._stiffness is not None
         if self._secant is None:
             return UNKNOWN * self._stiffness
