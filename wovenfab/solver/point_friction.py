@@ -38,8 +38,8 @@ SHARE, CENTRING = 0.995, 4
 CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
 #: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
-#: as stiff as its yarns in tension; in shear it may be a million times softer. And how often the
-#: bound over the largest increment of the last step it may have.
+#: as stiff as its yarns in tension; it may be a million times softer in shear. And at most over
+#: the secant: the bound over the largest increment of the last step.
 FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
@@ -78,7 +78,7 @@ class PointStress:
         self._stress = np.zeros_like(points.bound)  # the present one
         self._accepted = self._stress
         self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
-        self._secant: Array | None = None  # bound over the largest increment of the last step
+        self._secant: Array | None = None  # most that the last step suggests, N/m^3
         self.diagonal = 0.0
         self._started = self._moved = False
         self._increment = self._tangent = self._creep = self._stress
@@ -92,15 +92,16 @@ class PointStress:
             diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
         self._started = self._moved = False
-        if self.points.renew():
-            self._accepted = np.clip(self._accepted, -self.points.bound, self.points.bound)
+        if (points := self.points).renew():
+            self._accepted = np.clip(self._accepted, -points.bound, points.bound)
         if self._stiffness is None:
             self._stiffness = self._sheet_stiffness(diagonal)
 
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
         self._accepted = self._stress
-        if (largest := self.points.largest(self._increment)).any() and not self._idle:
+        largest = self.points.largest(self._increment)
+        if self._sum(float(largest.any())) and not self._idle:  # a rank may have no such point
             self._secant = SECANT * self.points.bound / np.maximum(largest, 1 / HUGE)
 
     def restore(self) -> None:
@@ -224,8 +225,7 @@ class PointStress:
         Returns:
             d tau/d b, and d b/d zeta at fixed stress, at each point.
         """
-        none = np.zeros_like(self._accepted)
-        tangent, by_bound = none, none
+        tangent = by_bound = np.zeros_like(self._accepted)
         if not self._idle:
             assert self._stiffness is not None
             tangent = most = STUCK * self._stiffness
