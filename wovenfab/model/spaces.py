@@ -72,6 +72,25 @@ class Placements:
         """Number of unknowns over all ranks."""
         return 2 * int(self.space.dofmap.index_map.size_global)
 
+    def from_cells(self, rows: Array) -> Array:
+        """Return values at this rank's unknowns, with ghosts, from those in its cells; collective.
+
+        A rank may own nodes that are in none of its cells: other ranks send it their values.
+
+        Args:
+            rows: Values at the nodes of all local cells, in the order of ``blocks``, x and y.
+        """
+        own = self.space.mesh.topology.index_map(2).size_local
+        rows = rows.reshape(*self.blocks.shape, 2)
+        sums, numbers = (fem.Function(self.space).x for _ in range(2))
+        for vector, given in ((sums, rows), (numbers, np.ones_like(rows))):
+            vector.array.reshape(-1, 2)[self.blocks[:own]] = given[:own]
+            vector.scatter_reverse(la.InsertMode.add)
+            vector.scatter_forward()
+        values: Array = sums.array / numbers.array
+        values.reshape(-1, 2)[self.blocks] = rows
+        return values
+
     def on_facets(self, facets: Ints, family: int) -> Ints:
         """Return this rank's blocks of a family on boundary facets; collective.
 

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from dolfinx import fem
-from dolfinx.la import InsertMode
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -56,10 +55,8 @@ class SnapshotFormat:
         own = mesh.topology.index_map(2).size_local
         self._comm, self._cells = mesh.comm, model.sheet.original_cells
         self._blocks = Blocks(mesh.comm, self._cells[:own])
-        self._nodes, self._own = model.placements.blocks, own
+        self._placements, self._own = model.placements, own
         self._work = fem.Function(model.space)
-        #: How many ranks have a cell of their own at each of this rank's unknowns.
-        self._sharing = self._summed(np.ones((own, *self._nodes.shape[1:], 2)))
 
     def gather(self, snapshot: Any) -> tuple[Any, dict[str, Array]]:
         """Return plain values and, on rank 0, the arrays of all cells by name; collective."""
@@ -76,7 +73,7 @@ class SnapshotFormat:
         if not isinstance(values, dict):
             return values
         if values.keys() == {ARRAY}:
-            return self._at_nodes(self._rows(values[ARRAY], arrays))
+            return self._placements.from_cells(self._rows(values[ARRAY], arrays))
         if values.keys() == {POINTS}:
             parts = [self._rows(name, arrays)[: self._own] for name in values[POINTS]]
             return PointValues(tuple(parts))
@@ -105,29 +102,9 @@ class SnapshotFormat:
         self._work.x.array[: values.size] = values
         if values.size < self._work.x.array.size:
             self._work.x.scatter_forward()
-        nodes = self._nodes[: self._own]
+        nodes = self._placements.blocks[: self._own]
         rows: Array = self._work.x.array.reshape(-1, 2)[nodes].reshape(self._own, -1)
         return rows
-
-    def _at_nodes(self, rows: Array) -> Array:
-        """Return the values at the unknowns with ghosts; collective.
-
-        A rank may own nodes that are in none of its cells: other ranks send it their values.
-        """
-        values = (self._summed(rows[: self._own]) / self._sharing).reshape(-1, 2)
-        values[self._nodes] = rows.reshape(*self._nodes.shape, 2)
-        return values.ravel()
-
-    def _summed(self, rows: Array) -> Array:
-        """Return sums over ranks of the values at the nodes of their own cells; collective."""
-        work = self._work.x
-        work.array[:] = 0.0
-        work.array.reshape(-1, 2)[self._nodes[: self._own]] = rows.reshape(
-            self._own, *self._nodes.shape[1:], 2
-        )
-        work.scatter_reverse(InsertMode.add)
-        work.scatter_forward()
-        return np.array(work.array)
 
     def _rows(self, name: str, arrays: Mapping[str, Array]) -> Array:
         """Return the rows of this rank's cells, ghosts included; collective."""

@@ -16,8 +16,6 @@ from typing import Any
 
 import basix.ufl
 import numpy as np
-from dolfinx import fem
-from dolfinx.la import InsertMode
 from mpi4py import MPI
 from numpy.typing import NDArray
 
@@ -278,19 +276,8 @@ def prolongated(values: Array, low: Model, high: Model) -> Array:
         for m in (low, high)
     ]
     table = elements[0].tabulate(0, elements[1].points)[0, :, :, 0]
-    rows = np.einsum("ij,cjkd->cikd", table, values.reshape(-1, 2)[low.placements.blocks])
-    nodes, result = high.placements.blocks, fem.Function(high.space).x
-    if high.comm.size > 1:  # a rank may have nodes that are in none of its cells
-        own = high.sheet.mesh.topology.index_map(2).size_local
-        number = fem.Function(high.space).x
-        result.array.reshape(-1, 2)[nodes[:own]] = rows[:own]
-        number.array.reshape(-1, 2)[nodes[:own]] = 1.0
-        for vector in (result, number):
-            vector.scatter_reverse(InsertMode.add)
-            vector.scatter_forward()
-        result.array[:] /= number.array
-    result.array.reshape(-1, 2)[nodes] = rows
-    return np.array(result.array)
+    of_cells = values.reshape(-1, 2)[low.placements.blocks]
+    return high.placements.from_cells(np.einsum("ij,cjkd->cikd", table, of_cells))
 
 
 class Prolongation:

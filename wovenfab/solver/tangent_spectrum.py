@@ -241,10 +241,9 @@ def start_vector(placements: Placements, bcs: Sequence[fem.DirichletBC], seed: i
     weights = random.standard_normal((WAVES, placements.count, 2))
     shape = np.tensordot(np.sin((places - low) @ waves.T + phases), weights, axes=1)
     field = fem.Function(placements.space)
-    values = field.x.array.reshape(-1, 2)
-    for family in range(placements.count):
-        blocks = np.unique(placements.blocks[:, :, family])
-        values[blocks] = shape[blocks, family]
+    families = range(placements.count)
+    rows = np.stack([shape[placements.blocks[:, :, i], i] for i in families], axis=2)
+    field.x.array[:] = placements.from_cells(rows)
     vector = field.x.petsc_vec.copy()
     fem_petsc.set_bc(vector, list(bcs), alpha=0.0)
     if size := vector.norm():  # nothing is free where all is prescribed

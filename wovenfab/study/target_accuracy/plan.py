@@ -131,10 +131,8 @@ def plan(
         limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
     aim = AIM * case.accuracy
     share = ELEMENTS_SHARE if base.needs.history else 1.0
-    search = _MeshSearch(base, share * aim, mesher, limits, report, sheet, start)
-    if has_fixed_steps(base):
-        search.share = 1.0
-    elements = search.run()
+    few = 1.0 if has_fixed_steps(base) else FEW
+    elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet, start, few).run()
     if elements.reachable:
         able = f"about {100 * elements.reachable / (share * AIM):.2g} % can be asked for"
         elements = replace(elements, shortfall=f"{elements.shortfall}; {able}")
@@ -173,8 +171,8 @@ class _MeshSearch:
         report: Called with a line on each trial.
         sheet: The sheet with any mesh.
         start: The first mesh and degrees.
-        best: The best elements so far.
         share: Share of the usual steps, which is enough for all degrees.
+        best: The best elements so far.
         seconds: Wall time of the steps of the last mesh, without compiling.
     """
 
@@ -185,8 +183,8 @@ class _MeshSearch:
     report: Report
     sheet: Sheet
     start: Start
+    share: float
     best: Plan | None = None
-    share: float = FEW
     seconds: float = 0.0
 
     def run(self) -> Plan:
