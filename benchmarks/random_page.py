@@ -20,6 +20,7 @@ from benchmarks.random_scenes import (
     SEED,
     WANTED,
     Row,
+    name_of,
     scene,
     table,
 )
@@ -44,7 +45,7 @@ def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case]]:
     """Return what is stored for an accuracy."""
     store, rows, cases = Store(RESULTS.resolve()), list[Row](), list[Case]()
     for number in range(1, COUNT + 1):
-        name = f"{SEED}-{number}" + (f"-{accuracy:g}" if accuracy != ACCURACY else "")
+        name = name_of(number, SEED, accuracy)
         if known := store.load(name):
             rows.append(Row(**known))
             cases.append(read_case(scene(number, SEED, store.folder / name, accuracy)))

@@ -260,20 +260,33 @@ def table(rows: list[Row]) -> str:
     return "\n".join([markdown(head, cells), "", *words])
 
 
+def name_of(number: int, seed: int, accuracy: float) -> str:
+    """Return the name under which a scene is stored."""
+    return f"{seed}-{number}" + (f"-{accuracy:g}" if accuracy != ACCURACY else "")
+
+
 def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, Row]:
     """Return the rows of so many scenes by their names, of which those that lack are run."""
     rows = {}
     for number in range(1, count + 1):
-        name = f"{seed}-{number}" + (f"-{accuracy:g}" if accuracy != ACCURACY else "")
+        name = name_of(number, seed, accuracy)
         folder = store.folder / name
         folder.mkdir(parents=True, exist_ok=True)
-        key = fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
-        if not (known := store.load(name, key)):
-            store.save(name, key, asdict(row(number, seed, folder, accuracy)))
-            known = store.load(name, key)
-            print(name, known, flush=True)
-        rows[name] = Row(**known)
+        key = _key(number, seed, folder, accuracy)
+        known = store.load(name, key)
+        rows[name] = Row(**known) if known else row(number, seed, folder, accuracy)
+        if not known:
+            _keep(store, name, key, rows[name])
     return rows
+
+
+def _key(number: int, seed: int, folder: Path, accuracy: float) -> str:
+    return fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
+
+
+def _keep(store: Store, name: str, key: str, made: Row) -> None:
+    store.save(name, key, asdict(made))
+    print(made, flush=True)
 
 
 def main(count: int, seed: int, finer: int) -> None:
@@ -284,10 +297,8 @@ def main(count: int, seed: int, finer: int) -> None:
     for name, made in rows.items():
         if made.true is None and not made.reason:
             folder = store.folder / name
-            key = fingerprint(read_case(scene(made.scene, seed, folder)), *SOURCES)
             rows[name] = checked(made, folder)
-            store.save(name, key, asdict(rows[name]))
-            print(name, rows[name], flush=True)
+            _keep(store, name, _key(made.scene, seed, folder, ACCURACY), rows[name])
     print("\n" + table(list(rows.values())))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 from pathlib import Path
 
@@ -85,13 +86,15 @@ def test_lines_that_cannot_be_read_are_passed_over(tmp_path: Path) -> None:
 
 
 def test_runs_that_are_told_of_a_file_use_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    path = tmp_path / "choices.jsonl"
+    caplog.set_level(logging.INFO, logger="wovenfab.study")
+    path, used = tmp_path / "choices.jsonl", "the search starts with what a neighbouring scene"
     monkeypatch.setenv(CHOICES, str(path))
     wovenfab.simulate(elastic("accuracy=5 %"))
-    assert len(path.read_text().splitlines()) == 1
-    assert known_start(elastic("accuracy=5 %"), path).degree >= 3
+    assert len(path.read_text().splitlines()) == 1 and used not in caplog.text
+    wovenfab.simulate(elastic("accuracy=5 %", "effects.shear.stiffness=420 N/m"))
+    assert len(path.read_text().splitlines()) == 2 and used in caplog.text
 
 
 def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more() -> None:
