@@ -33,7 +33,7 @@ from wovenfab.study.target_accuracy.estimate import (
     worst,
 )
 from wovenfab.study.target_accuracy.plan import plan
-from wovenfab.study.target_accuracy.time_steps import steps_for
+from wovenfab.study.target_accuracy.time_steps import StepSearch
 from wovenfab.study.target_accuracy.trials import Limits
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -261,7 +261,7 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
     lines: list[str] = []
-    chosen = steps_for(case, trial_of(case, 0.05), sheet(case), 0.05, lines.append)
+    chosen = StepSearch(trial_of(case, 0.05), sheet(case), lines.append).steps_for(0.05)
     first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines[:3])
     assert first == second < third
     assert chosen is not None

@@ -136,7 +136,8 @@ class PointStress:
             return
         first = self._first()
         self.points.put_tangent(first)
-        self._set_stress(self._accepted + first * self._increment)
+        stress, bound = self._accepted + first * self._increment, self.points.bound
+        self._set_stress(np.clip(stress, -bound, bound))
         if attained and self._moved:
             self._start()
 

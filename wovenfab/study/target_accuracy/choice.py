@@ -25,6 +25,7 @@ from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
+from wovenfab.study.target_accuracy.estimate import stated_error
 from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
 
 logger = logging.getLogger(__name__)
@@ -212,8 +213,8 @@ def report_errors(
 
 
 def _error(value: float, elements: float, steps: float | None) -> dict[str, float | None]:
-    """Return the errors of a figure; those of elements and steps might add up."""
-    relative = abs(elements) + abs(steps or 0.0)
+    """Return the errors of a figure."""
+    relative = stated_error(elements, steps or 0.0)
     return {
         "value": value,
         "error": relative * abs(value),

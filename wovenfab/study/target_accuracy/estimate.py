@@ -47,6 +47,8 @@ SLOWEST, FASTEST = 1.0, 40.0
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
+#: Estimated errors that are stated, over the estimates: these are not exact.
+SAFETY = 1.25
 PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
 ERRORS = "error.csv"
 
@@ -187,9 +189,9 @@ class Estimate:
 
     @property
     def relative(self) -> dict[str, float]:
-        """Size of both errors together over the figure, by name; they might add up."""
+        """Size of both errors together over the figure, by name, on the safe side."""
         time = self.time or {}
-        return {name: abs(e) + abs(time.get(name, 0.0)) for name, e in self.space.items()}
+        return {n: stated_error(e, time.get(n, 0.0)) for n, e in self.space.items()}
 
     @property
     def worst(self) -> float:
@@ -216,6 +218,11 @@ class Estimate:
             columns[f"{what}_{unit}"] = getattr(own, name)
             columns[f"{what}_error_of_elements_{unit}"] = np.array(errors)
         return columns
+
+
+def stated_error(elements: float, steps: float) -> float:
+    """Return the size of both errors on the safe side; they might add up."""
+    return SAFETY * (abs(elements) + abs(steps))
 
 
 def worst(errors: Mapping[str, float]) -> float:

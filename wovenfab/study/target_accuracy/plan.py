@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import inf
 from time import perf_counter
 
 from mpi4py import MPI
@@ -28,7 +29,7 @@ from wovenfab.study.target_accuracy.estimate import (
     Estimate,
     response_with_degree,
 )
-from wovenfab.study.target_accuracy.time_steps import Report, steps_for
+from wovenfab.study.target_accuracy.time_steps import Report, StepSearch
 from wovenfab.study.target_accuracy.trials import (
     Limits,
     Trial,
@@ -41,16 +42,20 @@ logger = logging.getLogger(__name__)
 
 #: Share of the machine's memory that a run may take.
 MEMORY_SHARE = 0.6
-#: Share of the accuracy that is aimed at, for estimates are not exact; the largest share of that
-#: which elements may use where steps have an error, too: finer cells cost more than more steps.
-AIM, ELEMENTS_SHARE = 0.8, 0.75
+#: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
+STEPS_SHARE = 0.25
+#: Growth of what elements leave to steps from which fewer steps are looked for.
+MUCH_MORE = 2.0
+#: Share of the elements' error up to which the error of the few steps of trials changes nothing,
+#: so that these steps may be cut in some of the trials that are compared.
+HARMLESS = 0.1
 #: Scheme of the rates.
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
 WITHOUT_ERROR = 20
 #: Time of all trials of elements without compiling (s): for an accuracy that is usual, so that the
 #: answer comes within a minute, and at most.
-USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
+USUAL_ACCURACY, PATIENCE = 0.01, (34.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
 #: Degrees that are tried on a mesh, one after another; one lower and one higher give the
@@ -105,9 +110,9 @@ def plan(
 ) -> Plan:
     """Return elements and steps for the accuracy of a case; collective.
 
-    Elements are chosen first, with few steps, and then the steps, with coarse elements: the
-    errors of both add up. Of several cycles the largest is tried. Rates are formed by BDF of
-    third order, unless the case names a scheme.
+    Steps are chosen first, with coarse elements, and then the elements, with few steps: the
+    errors of both add up, and what one does not need is left to the other. Of several cycles the
+    largest is tried. Rates are formed by BDF of third order, unless the case names a scheme.
 
     Args:
         case: A case with an accuracy.
@@ -129,34 +134,47 @@ def plan(
         least, most = PATIENCE
         seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
         limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
-    aim = AIM * case.accuracy
-    share = ELEMENTS_SHARE if base.needs.history else 1.0
     few = 1.0 if has_fixed_steps(base) else FEW
-    elements = _MeshSearch(base, share * aim, mesher, limits, report, sheet, start, few).run()
+    search, steps, left = None, None, case.accuracy
+    if base.needs.history:
+        coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
+        coarse, coarse_sheet = meshed(coarse, mesher, sheet)
+        share = STEPS_SHARE * case.accuracy
+        search = StepSearch(trial_of(coarse, share), coarse_sheet, report, start.steps)
+        steps = search.steps_for(share)
+        left -= min(steps.estimated_error, share) if steps else share
+    without = 0.0 if search is None else inf
+    may_cut = (steps.error_of_share(few) if steps else without) <= HARMLESS * left
+    elements = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut).run()
     if elements.reachable:
-        able = f"about {100 * elements.reachable / (share * AIM):.2g} % can be asked for"
+        able = f"about {100 * elements.reachable * case.accuracy / left:.2g} % can be asked for"
         elements = replace(elements, shortfall=f"{elements.shortfall}; {able}")
     if elements.estimate is None:
         return elements
     d, error = elements.case.discretisation, elements.estimate.worst
     logger.info(
         "elements: degree %d, mesh size %s m, estimated error %.2g of %.2g; %s",
-        d.degree, d.mesh_size, error, share * aim, elements.shortfall or "small enough",
+        d.degree, d.mesh_size, error, left, elements.shortfall or "small enough",
     )  # fmt: skip
-    coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
-    coarse, coarse_sheet = meshed(coarse, mesher, sheet)
-    left = max(aim - error, (1 - ELEMENTS_SHARE) * max(aim, error))
-    trial = trial_of(coarse, left)
-    steps = steps_for(elements.case, trial, coarse_sheet, left, report, start.steps)
     cells = round(shorter_side(sheet) / d.mesh_size) if d.mesh_size else COARSEST
-    if steps is None:
-        return replace(elements, start=Start(cells, d.degree))
+    found = Start(cells, d.degree)
+    if search is None or steps is None:
+        return replace(elements, start=found)
+    if (more := max(case.accuracy - error, share * error / case.accuracy)) > MUCH_MORE * share:
+        steps = search.steps_for(more) or steps
+    logger.info("steps: %.3g times the first %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors)
     shortfall = elements.shortfall if estimate.worst > case.accuracy else ""
     if not shortfall and estimate.worst > case.accuracy:
         shortfall = "shorter steps were not tried"
-    found = Start(cells, d.degree, (steps.kind, steps.number))
-    return Plan(steps.case, elements.sheet, estimate, shortfall, elements.reachable, found)
+    found = replace(found, steps=(steps.words, steps.number))
+    return replace(
+        elements,
+        case=steps.of(elements.case),
+        estimate=estimate,
+        shortfall=shortfall,
+        start=found,
+    )
 
 
 @dataclass
@@ -172,6 +190,7 @@ class _MeshSearch:
         sheet: The sheet with any mesh.
         start: The first mesh and degrees.
         share: Share of the usual steps, which is enough for all degrees.
+        may_cut: Whether steps may be cut.
         best: The best elements so far.
         seconds: Wall time of the steps of the last mesh, without compiling.
     """
@@ -184,6 +203,7 @@ class _MeshSearch:
     sheet: Sheet
     start: Start
     share: float
+    may_cut: bool = False
     best: Plan | None = None
     seconds: float = 0.0
 
@@ -269,7 +289,7 @@ class _MeshSearch:
     ) -> Response | None:
         """Return the response with a degree; None where its few steps cannot be made.
 
-        Degrees are compared with equal steps, so that few ones are not cut.
+        Degrees are compared with equal steps, so that few ones are not cut if that matters.
 
         Args:
             trial: The case with a mesh.
@@ -278,8 +298,8 @@ class _MeshSearch:
             lower: Responses of lower degrees.
             left: Time that all steps of the mesh may take, s.
         """
-        short, are_few = trial_of(trial, self.target), self.share < 1
-        if are_few:
+        short, must_do = trial_of(trial, self.target), self.share < 1 and not self.may_cut
+        if must_do:
             whole = short.time.model_copy(update={"smallest_step": 1.0})
             short = short.model_copy(update={"time": whole})
         before, start = lower[-1] if lower else None, perf_counter()
@@ -288,11 +308,11 @@ class _MeshSearch:
             response = response_with_degree(short, sheet, degree, self.share, before, seconds)
         except StepFailedError:
             self.seconds += perf_counter() - start
-            if are_few:
+            if must_do:
                 return None
             raise
         self.seconds += response.seconds
-        return None if are_few and response.outcome.cutbacks else response
+        return None if must_do and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
         """Keep the best; return the error."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
 
@@ -13,12 +14,14 @@ from wovenfab.simulation.from_case import scheme_of
 from wovenfab.simulation.response import Response, has_fixed_steps, response_of, with_steps
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
-from wovenfab.study.target_accuracy.estimate import StepRefinement, worst
+from wovenfab.study.target_accuracy.estimate import SAFETY, StepRefinement, worst
 
 log = logging.getLogger(__name__)
 
 #: Called with a line on each trial.
 Report = Callable[[str], None]
+#: Returns a case with so many times the steps of the first trial.
+Kind = Callable[[Case, float], Case]
 #: Share of the usual number of equal steps in the first trial.
 FIRST_SHARE = 0.25
 #: Error of a step beyond which equal ones are cut, too.
@@ -45,18 +48,38 @@ class TimeSteps:
     """Steps for an accuracy.
 
     Attributes:
-        case: The case with them.
+        kind: Equal or adaptive ones.
+        number: Of steps over that of the first trial.
         errors: Their signed errors over the figures.
         effort: Tangents in the trial.
-        kind: Equal or adaptive steps, in words.
-        number: Of steps over that of the first trial.
+        order: In which the errors fall with the number.
     """
 
-    case: Case
+    kind: Kind
+    number: float
     errors: dict[str, float]
     effort: float
-    kind: str
-    number: float
+    order: int
+
+    @property
+    def estimated_error(self) -> float:
+        """The largest error, on the safe side."""
+        return SAFETY * worst(self.errors)
+
+    @property
+    def words(self) -> str:
+        """The kind in words."""
+        return _words(self.kind)
+
+    def of(self, case: Case) -> Case:
+        """Return a case with these steps."""
+        return self.kind(case, self.number)
+
+    def error_of_share(self, share: float) -> float:
+        """Return about the largest error of a share of the usual number of equal steps."""
+        if self.kind is not equal_steps:
+            return inf
+        return worst(self.errors) * (FIRST_SHARE * self.number / share) ** self.order
 
 
 def equal_steps(case: Case, number: float) -> Case:
@@ -69,57 +92,92 @@ def adaptive_steps(case: Case, number: float) -> Case:
     return with_steps(case, PLANNED, FIRST_TOLERANCE / number ** scheme_of(case).order)
 
 
-Kind = Callable[[Case, float], Case]
+class StepSearch:
+    """The search for steps by trials on coarse elements; no trial is made twice."""
 
+    def __init__(
+        self, trial: Case, sheet: Sheet, report: Report, known: tuple[str, float] | None = None
+    ) -> None:
+        """Start without any trial.
 
-def steps_for(
-    case: Case,
-    trial: Case,
-    sheet: Sheet,
-    target: float,
-    report: Report,
-    known: tuple[str, float] | None = None,
-) -> TimeSteps | None:
-    """Return the steps with which a case costs least, or None where none can be chosen.
+        Args:
+            trial: What is tried: a case with history, shorter, on coarse elements.
+            sheet: Its sheet.
+            report: Called with a line on each trial.
+            known: Kind and number of the steps that a neighbouring scene needed: they are tried
+                first, and taken if they are enough.
+        """
+        self._trial, self._sheet, self._report = trial, sheet, report
+        self._known = known or ("", 1.0)
+        self._order = min(scheme_of(trial).order, BELIEVED)
+        self._tried: dict[tuple[Kind, float], Response | None] = {}
 
-    Args:
-        case: The case.
-        trial: What is tried for it: shorter, on coarse elements.
-        sheet: The sheet of the trial.
-        target: Error of the steps over the figures.
-        report: Called with a line on each trial.
-        known: Kind and number of the steps that a neighbouring scene needed: they are tried first,
-            and taken if they are enough.
-    """
-    if not case.needs.history:
-        return None
-    words, likely = known or ("", 1.0)
-    kinds: list[Kind] = [] if has_fixed_steps(case) else [equal_steps]
-    if _measured(case):
-        kinds.append(adaptive_steps)
-    kinds.sort(key=lambda kind: _words(kind) != words)
-    options: list[TimeSteps] = []
-    for kind in kinds:
-        least = min((o.effort for o in options if _reaches(o.errors, target)), default=inf)
-        first = likely / 2 if _words(kind) == words else 1.0
-        if (enough := _enough(kind, trial, sheet, target, least, report, first)) is None:
-            continue
-        number, errors, effort = enough
-        options.append(TimeSteps(kind(case, number), errors, effort, _words(kind), number))
-        log.info(
-            "%s: %.3g times the first, error %.2g of %.2g, %.0f tangents",
-            _words(kind), number, worst(errors), target, effort,
-        )  # fmt: skip
-        if (number <= EASY or _words(kind) == words) and _reaches(errors, target):
-            break
-    if not options:
-        return None
-    chosen = min(options, key=lambda o: (not _reaches(o.errors, target), o.effort))
-    log.info(
-        "steps: %d a cycle, tolerance %s: fewest tangents of %d kinds",
-        chosen.case.time.steps_per_cycle, chosen.case.time.tolerance, len(options),
-    )  # fmt: skip
-    return chosen
+    def steps_for(self, target: float) -> TimeSteps | None:
+        """Return the steps that cost least, or None where none can be chosen; collective.
+
+        Args:
+            target: Error of the steps over the figures, on the safe side.
+        """
+        target, (likely, number) = target / SAFETY, self._known
+        kinds: list[Kind] = [] if has_fixed_steps(self._trial) else [equal_steps]
+        if _measured(self._trial):
+            kinds.append(adaptive_steps)
+        kinds.sort(key=lambda kind: _words(kind) != likely)
+        options: list[TimeSteps] = []
+        for kind in kinds:
+            least = min((o.effort for o in options if _reaches(o.errors, target)), default=inf)
+            is_known = _words(kind) == likely
+            option = self._enough(kind, target, least, number / 2 if is_known else 1.0)
+            if option is None:
+                continue
+            options.append(option)
+            log.info(
+                "%s: %.3g times the first, error %.2g of %.2g, %.0f tangents",
+                option.words, option.number, worst(option.errors), target, option.effort,
+            )  # fmt: skip
+            if (option.number <= EASY or is_known) and _reaches(option.errors, target):
+                break
+        if not options:
+            return None
+        return min(options, key=lambda o: (not _reaches(o.errors, target), o.effort))
+
+    def _enough(self, kind: Kind, target: float, least: float, number: float) -> TimeSteps | None:
+        """Return how many steps of a kind are enough.
+
+        None where none can be made, or where they would take more tangents than ``least``. The
+        first trial has ``number`` times the first steps.
+        """
+        fewer: Response | None = None
+        best = None
+        for _ in range(TRIALS):
+            if (more := self._response(kind, number)) is None:
+                fewer, number = None, 2 * number
+                continue
+            tangents, growth = more.outcome.tangents, 2.0
+            if fewer is not None and more.count > fewer.count:  # equal numbers show no error
+                errors = StepRefinement(fewer, more, self._order).errors()
+                need = min((worst(errors) / target) ** (1 / self._order), MOST / number)
+                taken = min(max(need, 0.5), FAR)
+                scaled = {name: e / taken**self._order for name, e in errors.items()}
+                best = TimeSteps(kind, taken * number, scaled, taken * tangents, self._order)
+                if need <= FAR:
+                    break
+                growth = min(need, FARTHEST)
+            if DEARER * tangents > least:
+                break
+            fewer, number = more, growth * number
+        return best
+
+    def _response(self, kind: Kind, number: float) -> Response | None:
+        """Return the response with so many times the first steps; None where it has no end."""
+        if (kind, number) not in self._tried:
+            response = None
+            with suppress(StepFailedError, StabilityLostError):
+                response = response_of(kind(self._trial, number), self._sheet)
+                tangents = response.outcome.tangents
+                self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
+            self._tried[kind, number] = response
+        return self._tried[kind, number]
 
 
 def _reaches(errors: dict[str, float], target: float) -> bool:
@@ -133,44 +191,3 @@ def _measured(case: Case) -> bool:
 
 def _words(kind: Kind) -> str:
     return kind.__name__.replace("_", " ")
-
-
-def _enough(
-    kind: Kind,
-    trial: Case,
-    sheet: Sheet,
-    target: float,
-    least: float,
-    report: Report,
-    number: float,
-) -> tuple[float, dict[str, float], float] | None:
-    """Return how many times the first steps are enough, their errors and tangents.
-
-    None where none can be made, or where they would take more tangents than ``least``. The first
-    trial has ``number`` times the first steps.
-    """
-    fewer: Response | None = None
-    best = None
-    order = min(scheme_of(trial).order, BELIEVED)
-    for _ in range(TRIALS):
-        try:
-            more = response_of(kind(trial, number), sheet)
-        except (StepFailedError, StabilityLostError):
-            fewer, number = None, 2 * number
-            continue
-        tangents = more.outcome.tangents
-        report(f"{_words(kind)}: {more.count}, {tangents} tangents")
-        growth = 2.0
-        if fewer is not None and more.count > fewer.count:  # equal numbers show no error
-            errors = StepRefinement(fewer, more, order).errors()
-            need = min((worst(errors) / target) ** (1 / order), MOST / number)
-            taken = min(max(need, 0.5), FAR)
-            scaled = {name: e / taken**order for name, e in errors.items()}
-            best = taken * number, scaled, taken * tangents
-            if need <= FAR:
-                break
-            growth = min(need, FARTHEST)
-        if DEARER * tangents > least:
-            break
-        fewer, number = more, growth * number
-    return best
