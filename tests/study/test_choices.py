@@ -6,6 +6,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import wovenfab
@@ -13,8 +14,11 @@ from tests.study.test_estimate import case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.record.results import CHOICES
 from wovenfab.simulation.response import response_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.stepping.step import Step
 from wovenfab.study.target_accuracy.choice import known_start, remember
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
+from wovenfab.study.target_accuracy.trials import Limits
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
 AFRESH = Start()
@@ -97,12 +101,39 @@ def test_runs_that_are_told_of_a_file_use_it(
     assert len(path.read_text().splitlines()) == 2 and used in caplog.text
 
 
-def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more() -> None:
-    far = "program={type: ramp, to: 80 mm, steps: 40}"
-    case = elastic("accuracy=5 %", far, "solver.max_iterations=2", "solver.predictor=none")
-    chosen, lines = planned(case)
-    assert "once more with twice the steps, for they cannot be made" in lines
-    assert not chosen.shortfall
+def test_a_guess_that_misleads_a_step_costs_iterations_but_no_shorter_step() -> None:
+    ramp = "program={type: ramp, to: 20 mm, steps: 2}"
+    case = case_of("elastic-1x3", ramp, "solver.max_iterations=5", elements(2, 0.15))
+    plain = response_of(case, sheet(case))
+    with Simulation(case, sheet(case)) as simulation:
+        draw = np.random.default_rng(1)
+        size = simulation.model.field.x.array.size
+        simulation.stepper.start_from(lambda time: 1e-3 * draw.standard_normal(size))
+        steps: list[Step] = []
+        outcome = simulation.run(steps.append)
+    assert outcome.failure is None and outcome.cutbacks == 0
+    assert outcome.tangents > plain.outcome.tangents
+    assert steps[-1].force == pytest.approx(plain.forces[-1], rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "program", "most", "is_repeated"),
+    [
+        ("elastic-1x3", "program={type: ramp, to: 80 mm, steps: 40}", 2, False),
+        ("bias-1x3", "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}", 2, True),
+    ],
+)
+def test_few_steps_are_cut_only_where_their_error_changes_nothing(
+    name: str, program: str, most: int, is_repeated: bool
+) -> None:
+    """An elastic sheet has none; viscous friction has, and all degrees need equal steps."""
+    few = f"solver.max_iterations={most}", "solver.predictor=none"
+    chosen = "accuracy=5 %", "discretisation=null", "time=null"
+    lines: list[str] = []
+    plan(case_of(name, program, *few, *chosen), sheet, lines.append, Limits(1e12, 1.0, 1.0))
+    repeated = "once more with twice the steps, for they cannot be made" in lines
+    print(f"\n{name}: {lines}")
+    assert repeated == is_repeated
 
 
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:

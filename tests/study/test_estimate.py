@@ -30,6 +30,7 @@ from wovenfab.study.target_accuracy.estimate import (
     error_of_steps,
     error_shares,
     response_with_degree,
+    stated_error,
     worst,
 )
 from wovenfab.study.target_accuracy.plan import plan
@@ -76,6 +77,14 @@ def test_the_limit_of_a_sequence_of_degrees(rate: float) -> None:
 def test_the_limit_of_steps_of_second_order() -> None:
     values = (5 + 3 / 20**2, 5 + 3 / 50**2)
     assert error_of_steps((20, 50), values, 2) == pytest.approx((3 / 400, 3 / 2500))
+
+
+def test_stated_errors_of_elements_and_steps_add_up_on_the_safe_side() -> None:
+    assert stated_error(-0.002, 0.001) == pytest.approx(1.25 * 0.003)
+    case = case_of("elastic-1x3", "program={type: ramp, to: 20 mm, steps: 8}", elements(3, 0.15))
+    estimate = estimated(case)
+    assert estimate.relative[PEAK] == stated_error(estimate.space[PEAK], 0.0)
+    assert estimate.worst == worst(estimate.relative)
 
 
 @pytest.mark.parametrize(

@@ -140,7 +140,8 @@ def plan(
         coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
         coarse, coarse_sheet = meshed(coarse, mesher, sheet)
         share = STEPS_SHARE * case.accuracy
-        search = StepSearch(trial_of(coarse, share), coarse_sheet, report, start.steps)
+        coarse, wait = trial_of(coarse, share), limits.patience
+        search = StepSearch(coarse, coarse_sheet, report, start.steps, wait)
         steps = search.steps_for(share)
         left -= min(steps.estimated_error, share) if steps else share
     without = 0.0 if search is None else inf

@@ -7,11 +7,20 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from math import inf
+from time import perf_counter
+
+from mpi4py import MPI
 
 from wovenfab.case import Case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import scheme_of
-from wovenfab.simulation.response import Response, has_fixed_steps, response_of, with_steps
+from wovenfab.simulation.response import (
+    Response,
+    TooLongError,
+    has_fixed_steps,
+    response_of,
+    with_steps,
+)
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import SAFETY, StepRefinement, worst
@@ -96,7 +105,12 @@ class StepSearch:
     """The search for steps by trials on coarse elements; no trial is made twice."""
 
     def __init__(
-        self, trial: Case, sheet: Sheet, report: Report, known: tuple[str, float] | None = None
+        self,
+        trial: Case,
+        sheet: Sheet,
+        report: Report,
+        known: tuple[str, float] | None = None,
+        patience: float = inf,
     ) -> None:
         """Start without any trial.
 
@@ -106,7 +120,9 @@ class StepSearch:
             report: Called with a line on each trial.
             known: Kind and number of the steps that a neighbouring scene needed: they are tried
                 first, and taken if they are enough.
+            patience: Wall time of all trials after which one is given up, s.
         """
+        self._left = patience
         self._trial, self._sheet, self._report = trial, sheet, report
         self._known = known or ("", 1.0)
         self._order = min(scheme_of(trial).order, BELIEVED)
@@ -171,11 +187,13 @@ class StepSearch:
     def _response(self, kind: Kind, number: float) -> Response | None:
         """Return the response with so many times the first steps; None where it has no end."""
         if (kind, number) not in self._tried:
-            response = None
-            with suppress(StepFailedError, StabilityLostError):
-                response = response_of(kind(self._trial, number), self._sheet)
+            response, start, comm = None, perf_counter(), self._sheet.mesh.comm
+            with suppress(StepFailedError, StabilityLostError, TooLongError):
+                case = kind(self._trial, number)
+                response = response_of(case, self._sheet, seconds=self._left)
                 tangents = response.outcome.tangents
                 self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
+            self._left -= float(comm.allreduce(perf_counter() - start, op=MPI.MAX))
             self._tried[kind, number] = response
         return self._tried[kind, number]
 
