@@ -5,6 +5,7 @@ It prints the weights from which ``wovenfab check`` expects a time, fitted to th
 
 from __future__ import annotations
 
+from math import sqrt
 from pathlib import Path
 
 import numpy as np
@@ -20,11 +21,13 @@ from benchmarks.random_scenes import (
     SEED,
     WANTED,
     Row,
+    key_of,
     name_of,
     scene,
     table,
 )
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, Rectangle, read_case
+from wovenfab.record.results import markdown
 from wovenfab.report.style import APART, house_style, save
 from wovenfab.study.runner import Store
 from wovenfab.study.target_accuracy.choice import expected_seconds, traits
@@ -37,19 +40,25 @@ FACTOR, DPI = 3.0, 90
 TICKS = (15, 20, 30, 40, 60, 90)
 #: Share of scenes of a kind that the page says the time of.
 MOST = 90
+QUARTERS = 4
+#: Lengths that elements may have to resolve: stiffnesses whose ratio's root they are.
+LENGTHS = (("bending", "stretch"), ("bending", "shear"), ("stretch", "coupling"))
 KINDS = ("one placement, elastic", "one placement, friction", "two placements, elastic",
          "two placements, friction", "Coulomb's law")  # fmt: skip
 
 
-def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case]]:
-    """Return what is stored for an accuracy."""
-    store, rows, cases = Store(RESULTS.resolve()), list[Row](), list[Case]()
+def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case], list[int]]:
+    """Return what is stored for an accuracy, and which scenes another version has run."""
+    store, rows, cases, older = Store(RESULTS.resolve()), list[Row](), list[Case](), list[int]()
     for number in range(1, COUNT + 1):
         name = name_of(number, SEED, accuracy)
         if known := store.load(name):
+            folder = store.folder / name
             rows.append(Row(**known))
-            cases.append(read_case(scene(number, SEED, store.folder / name, accuracy)))
-    return rows, cases
+            cases.append(read_case(scene(number, SEED, folder, accuracy)))
+            if not store.load(name, key_of(number, SEED, folder, accuracy)):
+                older.append(number)
+    return rows, cases, older
 
 
 def kind_of(case: Case) -> str:
@@ -99,10 +108,52 @@ def sentences(rows: list[Row], kinds: list[str]) -> str:
     return "\n".join(lines)
 
 
+def length_of(case: Case, strong: str, weak: str) -> float | None:
+    """Return the root of the ratio of two stiffnesses over a rectangle's width, if it has them."""
+    stiffness = {e.effect.name: e.values.get("stiffness") for e in case.scene}
+    if not isinstance(case.sheet, Rectangle) or not {strong, weak} <= set(stiffness):
+        return None
+    one, other = (float(np.mean(stiffness[name])) for name in (strong, weak))  # of both families
+    return sqrt(one / other) / case.sheet.width
+
+
+def what_is_hard(rows: list[Row], cases: list[Case]) -> str:
+    """Return unknowns by quarters of the scenes in the order of each length, as a table.
+
+    Below it is said on which length they depend most.
+    """
+    lines, most = [], []
+    for placements in (1, 2):
+        factors: dict[str, float] = {}
+        for pair in LENGTHS[: 1 + placements]:
+            known = [
+                (length, row.unknowns)
+                for row, case in zip(rows, cases, strict=True)
+                if case.needs.placements == placements
+                and row.is_good
+                and (length := length_of(case, *pair)) is not None
+            ]
+            if len(known) < QUARTERS:
+                continue
+            quarters = np.array_split(np.array(sorted(known)), QUARTERS)
+            name = f"({pair[0]} / {pair[1]})^1/2"
+            middle = [float(np.median(q[:, 1])) for q in quarters]
+            ranges = [f"({q[0, 0]:.2g} to {q[-1, 0]:.2g})" for q in quarters]
+            cells = [f"{m:.0f} {r}" for m, r in zip(middle, ranges, strict=True)]
+            lines.append([str(placements), name, *cells])
+            factors[name] = middle[0] / middle[-1]
+        if factors:
+            name, factor = max(factors.items(), key=lambda item: item[1])
+            most.append(f"with {placements}, {factor:.2g} times as many where {name} is shortest")
+    head = ["placements", "length", "shortest", "short", "long", "longest"]
+    words = f"Number of placements and the length that matters most: {'; '.join(most)}."
+    return f"{markdown(head, lines)}\n\n{words}"
+
+
 def main() -> None:
     """Write page and picture, and print the fit."""
-    rows, cases = rows_and_cases(ACCURACY)
-    finer, finer_cases = rows_and_cases(FINER_ACCURACY)
+    rows, cases, older = rows_and_cases(ACCURACY)
+    finer, finer_cases, _ = rows_and_cases(FINER_ACCURACY)
     kinds = [kind_of(case) for case in cases]
     expected = [expected_seconds(c) / r.seconds for c, r in zip(cases, rows, strict=True)]
     near = sum(1 / FACTOR <= ratio <= FACTOR for ratio in expected)
@@ -123,7 +174,18 @@ def main() -> None:
     also = f"{100 * FINER_ACCURACY:g} % was reached in {more} of the first {len(finer)} scenes" + (
         f", in {np.median([r.seconds for r in finer]):.0f} s in the middle." if finer else "."
     )
-    text = f"{head}{sentences(rows, kinds)}\n\n{words} {also}\n\n{table(rows)}\n"
+    version = "All rows are of the present version."
+    if 0 < len(older) < len(rows):
+        new = ", ".join(str(row.scene) for row in rows if row.scene not in older)
+        version = f"Scenes {new} were run with the present version, the others with an earlier one."
+    elif older:
+        version = "They were run with an earlier version."
+    hard = (
+        "## What makes it hard\n\nUnknowns that 1 % took, in the middle of each quarter of the "
+        "rectangles in the order of a length over the width (in brackets):\n\n"
+        f"{what_is_hard(rows, cases)}\n\n## All scenes\n\n"
+    )
+    text = f"{head}{sentences(rows, kinds)}\n\n{words} {also} {version}\n\n{hard}{table(rows)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
     print("TRIALS", fitted(known, [r.pilot for r in every]))

@@ -272,7 +272,7 @@ def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, 
         name = name_of(number, seed, accuracy)
         folder = store.folder / name
         folder.mkdir(parents=True, exist_ok=True)
-        key = _key(number, seed, folder, accuracy)
+        key = key_of(number, seed, folder, accuracy)
         known = store.load(name, key)
         rows[name] = Row(**known) if known else row(number, seed, folder, accuracy)
         if not known:
@@ -280,7 +280,8 @@ def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, 
     return rows
 
 
-def _key(number: int, seed: int, folder: Path, accuracy: float) -> str:
+def key_of(number: int, seed: int, folder: Path, accuracy: float) -> str:
+    """Return a mark of what a row depends on: the scene and what chooses elements and steps."""
     return fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
 
 
@@ -298,7 +299,7 @@ def main(count: int, seed: int, finer: int) -> None:
         if made.true is None and not made.reason:
             folder = store.folder / name
             rows[name] = checked(made, folder)
-            _keep(store, name, _key(made.scene, seed, folder, ACCURACY), rows[name])
+            _keep(store, name, key_of(made.scene, seed, folder, ACCURACY), rows[name])
     print("\n" + table(list(rows.values())))
 
 
