@@ -6,7 +6,6 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import wovenfab
@@ -14,8 +13,6 @@ from tests.study.test_estimate import case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.record.results import CHOICES
 from wovenfab.simulation.response import response_of
-from wovenfab.simulation.simulation import Simulation
-from wovenfab.stepping.step import Step
 from wovenfab.study.target_accuracy.choice import known_start, remember
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 from wovenfab.study.target_accuracy.trials import Limits
@@ -99,21 +96,6 @@ def test_runs_that_are_told_of_a_file_use_it(
     assert len(path.read_text().splitlines()) == 1 and used not in caplog.text
     wovenfab.simulate(elastic("accuracy=5 %", "effects.shear.stiffness=420 N/m"))
     assert len(path.read_text().splitlines()) == 2 and used in caplog.text
-
-
-def test_a_guess_that_misleads_a_step_costs_iterations_but_no_shorter_step() -> None:
-    ramp = "program={type: ramp, to: 20 mm, steps: 2}"
-    case = case_of("elastic-1x3", ramp, "solver.max_iterations=5", elements(2, 0.15))
-    plain = response_of(case, sheet(case))
-    with Simulation(case, sheet(case)) as simulation:
-        draw = np.random.default_rng(1)
-        size = simulation.model.field.x.array.size
-        simulation.stepper.start_from(lambda time: 1e-3 * draw.standard_normal(size))
-        steps: list[Step] = []
-        outcome = simulation.run(steps.append)
-    assert outcome.failure is None and outcome.cutbacks == 0
-    assert outcome.tangents > plain.outcome.tangents
-    assert steps[-1].force == pytest.approx(plain.forces[-1], rel=1e-6)
 
 
 @pytest.mark.parametrize(

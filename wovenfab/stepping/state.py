@@ -114,19 +114,9 @@ class State:
         if self._memory:
             self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
-        guess = self.initial_guess(until)
-        extrapolated = self._predict(guess, stage * step, jump)
+        extrapolated = self._predict(until, stage * step, jump)
         if not program.prescribes_force(until):
-            result = self.solve_for(value)
-            if result.converged or guess is None:
-                return result
-            self.restore()  # the guess may have misled
-            self._predict(None, stage * step, jump)
-            again = self.solve_for(value)
-            tangents, iterations = (
-                getattr(result, name) + getattr(again, name) for name in ("tangents", "iterations")
-            )
-            return replace(again, tangents=tangents, iterations=iterations)
+            return self.solve_for(value)
         assert self.force_control is not None
         self.reached = self.displacement
         if extrapolated:
@@ -205,7 +195,7 @@ class State:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _predict(self, guess: Array | None, ahead: float, jump: bool) -> bool:
+    def _predict(self, until: float, ahead: float, jump: bool) -> bool:
         """Start from a guess or the extrapolated state, unless that would cross the families.
 
         Returns:
@@ -214,7 +204,7 @@ class State:
         field = self._model.field.x.array
         field[:] = self.states[0]
         far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
-        if guess is not None:
+        if (guess := self.initial_guess(until)) is not None:
             change = self._scheme.stage * (guess - self.states[0])
         elif far or not self._predicts:
             return False
