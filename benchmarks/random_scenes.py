@@ -229,7 +229,7 @@ def finer_case(case: Case) -> Case:
 
 
 def _run(path: Path, out: Path, limit: float, cache: Mapping[str, str]) -> Command:
-    arguments = ["-m", "wovenfab", "run", str(path), "-o", str(out)]
+    arguments = ["-m", "wovenfab", "run", str(path), "-o", str(out), "--overwrite"]
     return Command(arguments, RANKS, limit=limit, environment=cache)
 
 
