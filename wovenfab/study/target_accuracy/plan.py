@@ -55,7 +55,7 @@ SCHEME = "bdf3"
 WITHOUT_ERROR = 20
 #: Time of all trials of elements without compiling (s): for an accuracy that is usual, so that the
 #: answer comes within a minute, and at most.
-USUAL_ACCURACY, PATIENCE = 0.01, (34.0, 150.0)
+USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
 #: Degrees that are tried on a mesh, one after another; one lower and one higher give the
