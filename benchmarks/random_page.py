@@ -177,9 +177,9 @@ def main() -> None:
     version = "All rows are of the present version."
     if 0 < len(older) < len(rows):
         new = ", ".join(str(row.scene) for row in rows if row.scene not in older)
-        version = f"Scenes {new} were run with the present version, the others with an earlier one."
+        version = f"Scenes {new} were run with the present version, the others with earlier ones."
     elif older:
-        version = "They were run with an earlier version."
+        version = "They were run with earlier versions."
     hard = (
         "## What makes it hard\n\nUnknowns that 1 % took, in the middle of each quarter of the "
         "rectangles in the order of a length over the width (in brackets):\n\n"

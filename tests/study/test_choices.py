@@ -6,6 +6,7 @@ import logging
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import wovenfab
@@ -13,9 +14,10 @@ from tests.study.test_estimate import case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.record.results import CHOICES
 from wovenfab.simulation.response import response_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.stepping.step import Step
 from wovenfab.study.target_accuracy.choice import known_start, remember
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
-from wovenfab.study.target_accuracy.trials import Limits
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
 AFRESH = Start()
@@ -99,23 +101,37 @@ def test_runs_that_are_told_of_a_file_use_it(
 
 
 @pytest.mark.parametrize(
-    ("name", "program", "most", "is_repeated"),
+    ("name", "program", "most", "accuracy", "is_repeated"),
     [
-        ("elastic-1x3", "program={type: ramp, to: 80 mm, steps: 40}", 2, False),
-        ("bias-1x3", "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}", 2, True),
+        ("elastic-1x3", "{type: ramp, to: 80 mm, steps: 40}", 2, "5 %", False),
+        ("bias-1x3", "{type: ramp, to: 100 mm, steps: 40, velocity: 0.5 m/s}", 4, "2 %", True),
     ],
 )
-def test_few_steps_are_cut_only_where_their_error_changes_nothing(
-    name: str, program: str, most: int, is_repeated: bool
+def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_if_steps_have_an_error(
+    name: str, program: str, most: int, accuracy: str, is_repeated: bool
 ) -> None:
-    """An elastic sheet has none; viscous friction has, and all degrees need equal steps."""
-    few = f"solver.max_iterations={most}", "solver.predictor=none"
-    chosen = "accuracy=5 %", "discretisation=null", "time=null"
-    lines: list[str] = []
-    plan(case_of(name, program, *few, *chosen), sheet, lines.append, Limits(1e12, 1.0, 1.0))
+    """An elastic sheet's steps have none, so that they are cut; friction's do."""
+    few = f"solver.max_iterations={most}", "solver.predictor=none", f"program={program}"
+    case = case_of(name, *few, f"accuracy={accuracy}", "discretisation=null", "time=null")
+    chosen, lines = planned(case)
     repeated = "once more with twice the steps, for they cannot be made" in lines
-    print(f"\n{name}: {lines}")
     assert repeated == is_repeated
+    assert not chosen.shortfall
+
+
+def test_shorter_steps_do_not_start_from_a_guess_that_has_misled_a_longer_one() -> None:
+    ramp = "program={type: ramp, to: 20 mm, steps: 2}"
+    case = case_of("elastic-1x3", ramp, "solver.max_iterations=5", elements(2, 0.15))
+    plain = response_of(case, sheet(case))
+    with Simulation(case, sheet(case)) as simulation:
+        size = simulation.model.field.x.array.size
+        wrong = 1e-3 * np.random.default_rng(1).standard_normal(size)
+        simulation.stepper.start_from(lambda time: wrong if time in plain.times else None)
+        steps: list[Step] = []
+        outcome = simulation.run(steps.append)
+    assert outcome.failure is None
+    assert outcome.cutbacks == plain.count  # once for each planned time
+    assert steps[-1].force == pytest.approx(plain.forces[-1], rel=1e-6)
 
 
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:

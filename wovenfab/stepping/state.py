@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -63,6 +64,7 @@ class State:
         if self._memory:
             self._memory.start(scheme.stage)
         self.initial_guess: Callable[[float], Array | None] = lambda time: None
+        self._misled = -inf  # time at which the guess has led to no solution, s
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
@@ -114,9 +116,13 @@ class State:
         if self._memory:
             self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
-        extrapolated = self._predict(until, stage * step, jump)
+        guess = None if until == self._misled else self.initial_guess(until)
+        extrapolated = self._predict(guess, stage * step, jump)
         if not program.prescribes_force(until):
-            return self.solve_for(value)
+            result = self.solve_for(value)
+            if guess is not None and not result.converged:
+                self._misled = until  # shorter steps would end at the same guess
+            return result
         assert self.force_control is not None
         self.reached = self.displacement
         if extrapolated:
@@ -195,7 +201,7 @@ class State:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _predict(self, until: float, ahead: float, jump: bool) -> bool:
+    def _predict(self, guess: Array | None, ahead: float, jump: bool) -> bool:
         """Start from a guess or the extrapolated state, unless that would cross the families.
 
         Returns:
@@ -204,7 +210,7 @@ class State:
         field = self._model.field.x.array
         field[:] = self.states[0]
         far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
-        if (guess := self.initial_guess(until)) is not None:
+        if guess is not None:
             change = self._scheme.stage * (guess - self.states[0])
         elif far or not self._predicts:
             return False

@@ -135,17 +135,17 @@ def plan(
         seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
         limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
     few = 1.0 if has_fixed_steps(base) else FEW
-    search, steps, left = None, None, case.accuracy
+    share, left = STEPS_SHARE * case.accuracy, case.accuracy
+    search, steps, error_of_few = None, None, 0.0
     if base.needs.history:
         coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
         coarse, coarse_sheet = meshed(coarse, mesher, sheet)
-        share = STEPS_SHARE * case.accuracy
         coarse, wait = trial_of(coarse, share), limits.patience
         search = StepSearch(coarse, coarse_sheet, report, start.steps, wait)
         steps = search.steps_for(share)
         left -= min(steps.estimated_error, share) if steps else share
-    without = 0.0 if search is None else inf
-    may_cut = (steps.error_of_share(few) if steps else without) <= HARMLESS * left
+        error_of_few = steps.error_of_share(few) if steps else inf
+    may_cut = error_of_few <= HARMLESS * left
     elements = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut).run()
     if elements.reachable:
         able = f"about {100 * elements.reachable * case.accuracy / left:.2g} % can be asked for"
@@ -299,8 +299,8 @@ class _MeshSearch:
             lower: Responses of lower degrees.
             left: Time that all steps of the mesh may take, s.
         """
-        short, must_do = trial_of(trial, self.target), self.share < 1 and not self.may_cut
-        if must_do:
+        short, must_be_equal = trial_of(trial, self.target), self.share < 1 and not self.may_cut
+        if must_be_equal:
             whole = short.time.model_copy(update={"smallest_step": 1.0})
             short = short.model_copy(update={"time": whole})
         before, start = lower[-1] if lower else None, perf_counter()
@@ -309,11 +309,11 @@ class _MeshSearch:
             response = response_with_degree(short, sheet, degree, self.share, before, seconds)
         except StepFailedError:
             self.seconds += perf_counter() - start
-            if must_do:
+            if must_be_equal:
                 return None
             raise
         self.seconds += response.seconds
-        return None if must_do and response.outcome.cutbacks else response
+        return None if must_be_equal and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
         """Keep the best; return the error."""
