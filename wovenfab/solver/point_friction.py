@@ -134,9 +134,9 @@ class PointStress:
         if self._started:
             self._set_stress(self._interior.stress)
             return
-        self.points.put_tangent(first := self._first())
-        stress, bound = self._accepted + first * self._increment, self.points.bound
-        self._set_stress(np.clip(stress, -bound, bound))
+        first = self._first()
+        self.points.put_tangent(first)
+        self._set_stress(self._accepted + first * self._increment)
         if attained and self._moved:
             self._start()
 
