@@ -58,6 +58,11 @@ def test_a_trapezoid_of_a_force_is_refused_with_the_way_to_do_it() -> None:
     path = CONFIGS / "programs" / "trapezoid.yaml"
     with pytest.raises(CaseError, match=r"a trapezoid goes to a displacement, not to a force\. W"):
         read_case(path, ["program.to=40 N"])
+    # a duration, which a force has elsewhere, is not told to be an unknown key
+    with pytest.raises(CaseError) as refused:
+        read_case(path, ["program={type: trapezoid, to: 40 N, duration: 4 s, hold: 2 s}"])
+    assert len(refused.value.problems) == 1
+    assert "not to a force. Write two ramps with a duration" in str(refused.value)
 
 
 def fewest_rows(rows: list[tuple[float, float]], tolerance: float) -> int:

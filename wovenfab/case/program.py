@@ -34,6 +34,7 @@ from wovenfab.case.quantities import (
     Size,
     Speed,
     hide_default,
+    is_force,
 )
 from wovenfab.case.samples import Samples, read_samples
 
@@ -59,7 +60,7 @@ class Driven(Quantity):
 
     def number(self, value: Any) -> float:
         """Return the SI value, which is of the class ``Newtons`` if it is a force."""
-        if isinstance(value, Newtons) or (isinstance(value, str) and units.measures(value, "N")):
+        if is_force(value):
             return Newtons(Quantity(unit="N", above=self.above).number(value))
         return super().number(value)
 
@@ -202,12 +203,13 @@ class Trapezoid(_Segment):
     steps: AtLeastOne = 20
     """Number of equal steps of each ramp, hold and rest."""
 
-    @model_validator(mode="after")
-    def _no_force(self) -> Trapezoid:
-        if isinstance(self.to, Newtons):
+    @model_validator(mode="before")
+    @classmethod
+    def _no_force(cls, data: Any) -> Any:
+        if isinstance(data, dict) and is_force(data.get("to")):  # before its keys are asked for
             remedy = "Write two ramps with a duration and a hold between them."
             raise wrong("a trapezoid goes to a displacement, not to a force", remedy)
-        return self
+        return data
 
     def parts(self, start: float) -> tuple[Ramp | Hold, ...]:
         """Return the segments that it is short for, once."""
@@ -335,11 +337,8 @@ def speeds(scene: Scene, program: Sequence[Segment]) -> Iterator[Finding]:
     for i, segment in enumerate(program):
         timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
         if timeless and needs_of_scene(scene).rate:
-            yield (
-                ("program", i),
-                "a velocity or a duration is needed, because an effect depends on rates",
-                "For example 'velocity: 0.1 m/s', or 'duration: 1 s'.",
-            )
+            what = "a velocity or a duration is needed, because an effect depends on rates"
+            yield ("program", i), what, "For example 'velocity: 0.1 m/s', or 'duration: 1 s'."
 
 
 def second(

@@ -237,6 +237,11 @@ class Newtons(float):
     """A force (N) where a displacement (m) could be."""
 
 
+def is_force(value: Any) -> bool:
+    """Return whether a value is a force, or a text with a unit of force."""
+    return isinstance(value, Newtons) or (isinstance(value, str) and units.measures(value, "N"))
+
+
 @dataclass(frozen=True)
 class Interval(Quantity):
     """A duration as text with its unit, a number of steps as a whole number, or false."""
