@@ -68,7 +68,11 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "infinite": (PLAIN + "4,inf\n", {}, ":5: force (column 2) must be a finite number"),
     "short row": (PLAIN + "4\n", {}, ":5: force (column 2) must be a finite number, got nothing"),
     "few rows": ("u (mm),F (N)\n0,0\n1,1\n", {}, "only 2 rows of numbers"),
-    "no units": ("1,2\n2,3\n3,4\n", {}, "no unit of the displacement. Say it: 'units: "),
+    "no units": (
+        "1,2\n2,3\n3,4\n", {},
+        "no unit of the displacement. Say it: 'units: {displacement: mm}' in a fit file, or "
+        "'displacement_mm' in the header.",
+    ),
     "wrong unit": (
         "1,2\n2,3\n3,4\n",
         {"given_units": {"displacement": "kg", "force": "N"}},
@@ -84,7 +88,8 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "column zero": (PLAIN, {"columns": {"force": 0}}, "no column 0 for the force"),
     "two forces": (
         "load A (N),load B (N),travel (mm)\n0,0,0\n9,2,1.5\n9,3,2.5\n", {},
-        "more than one column may be the force",
+        "more than one column may be the force. Name it: 'columns: {force: ...}' in a fit file, or "
+        "'force_N' in the header. The columns are",
     ),
     "time back": (
         "time (s),travel (mm),load (N)\n0,0,0\n2,1,1\n1,2,2\n", {}, ":4: times must increase",

@@ -285,7 +285,10 @@ def _geometry(gmsh: Any, file: GeometryFile, lacking: list[tuple[str, ...]]) -> 
     groups = gmsh.model.getPhysicalGroups(2)
     step = file.path.suffix.lower() in STEP
     if not (groups or file.edges or step or any(kind == "surface" for kind, *_ in lacking)):
-        raise GeometryError("no physical surface; add one, such as Physical Surface")
+        there = ", ".join(str(tag) for _, tag in gmsh.model.getEntities(2)) or "1"
+        raise GeometryError(
+            f'no physical surface; add one, such as Physical Surface("sheet") = {{{there}}};'
+        )
     _require_triangles(gmsh, file)
     places, rows = nodes_of(gmsh)
     places *= file.unit

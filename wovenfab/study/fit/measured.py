@@ -105,7 +105,8 @@ def read_measured(
         at = _column(quantity, (columns or {}).get(quantity), titles, path, width)
         if at is not None:
             chosen[quantity] = at
-            remedy = f"Say it: 'units: {{{quantity}: {EXAMPLES[unit]}}}'."
+            said = f"'units: {{{quantity}: {EXAMPLES[unit]}}}' in a fit file"
+            remedy = f"Say it: {said}, or {_title(quantity)} in the header."
             given = (given_units or {}).get(quantity)
             factors[quantity] = _factor(quantity, unit, at, titles, header, given, remedy, path)
     values = {
@@ -253,6 +254,11 @@ def _is_unit(text: str) -> bool:
     return True
 
 
+def _title(quantity: str) -> str:
+    """Return a title that tells a quantity and its unit."""
+    return f"'{quantity}_{EXAMPLES[QUANTITIES[quantity][0]]}'"
+
+
 def _name(title: str) -> str:
     """Return a title without its unit, in small letters."""
     match = _UNIT_AT_END.match(title)
@@ -285,7 +291,8 @@ def _column(
     if not found and width == 2 and not any(_known(t) for t in titles):
         return 0 if quantity == "displacement" else 1
     which = "more than one column may be" if found else "no column is known as"
-    remedy = f"Name it: 'columns: {{{quantity}: ...}}'. {names}"
+    named = f"'columns: {{{quantity}: ...}}' in a fit file, or {_title(quantity)} in the header"
+    remedy = f"Name it: {named}. {names}"
     raise refusal(str(path), f"{which} the {quantity}", remedy)
 
 

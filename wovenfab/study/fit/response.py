@@ -187,7 +187,7 @@ def compared(
     if len(branches) != len(curve.turns) - 1:
         raise BranchError(
             f"{measured.file.name} has {len(branches)} branches of loading and unloading, the "
-            f"program has {len(curve.turns) - 1}"
+            f"program has {len(curve.turns) - 1}; let the program reverse as often"
         )
     machine = [
         values.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")
