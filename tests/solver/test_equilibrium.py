@@ -7,11 +7,15 @@ from math import inf, pi
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from petsc4py import PETSc
 
 from tests import scenes
+from wovenfab.case import Case
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.globalisation import LineSearch
 from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
@@ -125,6 +129,28 @@ def test_two_live_solvers_have_petsc_options_of_their_own() -> None:
     assert second.linear.factor.getMumpsIcntl(13) == 1
     second.destroy()
     assert PETSc.Options().getAll() == before
+
+
+@pytest.mark.parametrize("method", ["gmres", "cg"])
+def test_an_iterative_linear_solver_attains_prescribed_displacements_near_zero(method: str) -> None:
+    """At the end of a cycle friction leaves the sheet deformed while the grip is at zero."""
+    case = Case(
+        sheet={"length": 0.3, "width": 0.1, "fibres": ["45 deg", "-45 deg"]},
+        effects={
+            "stretch": {"stiffness": "50 kN/m"},
+            "shear": {"stiffness": "30 N/m"},
+            "spin_friction": {"strength": "5 N/m", "slope": "40 s"},
+        },
+        boundary={"left": "clamp", "right": {"displacement": ["program", 0]}},
+        program={"type": "cycles", "amplitudes": "20 mm", "frequency": "0.1 Hz"},
+        discretisation={"degree": 2, "mesh_size": 0.05},
+        time={"steps_per_cycle": 10},
+        solver={"petsc": {"ksp_type": method}},
+    )
+    with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+        steps = list(simulation.steps())
+    assert len(steps) == 11 and not any(step.cutbacks for step in steps)
+    assert max(step.iterations for step in steps) < 10
 
 
 def test_options_of_the_command_line_reach_each_solver_and_win() -> None:

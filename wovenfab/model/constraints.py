@@ -185,6 +185,7 @@ class Constraints:
     Attributes:
         bcs: Boundary conditions for dolfinx: the same for the space of both placements and
             for that of each; each form takes those of its own space.
+        own: Unknowns that are prescribed and that this rank owns.
         edges: Names of the edges that hold anything.
         origin: Displacements that prescribed ones are added to: those of the state that the
             program starts from, m.
@@ -211,6 +212,7 @@ class Constraints:
             fem.dirichletbc(fem.Function(space, self._values.x), [dofs, dofs], space)
             for space in placements.spaces
         ]
+        self.own = np.concatenate([part.owned for part in self._parts] or [dofs])
 
     def set(self, program: float, share: float = 1.0) -> None:
         """Prescribe the placements for a program value (m), or a share of them; collective.

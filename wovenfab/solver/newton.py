@@ -49,12 +49,14 @@ STUCK = 2
 class _Linear:
     """Newton's linear systems, as PETSc's linear solver of type python."""
 
-    def __init__(self, linear: LinearSolver) -> None:
-        self._linear = linear
+    def __init__(self, linear: LinearSolver, held: NDArray[np.int32]) -> None:
+        self._linear, self._held = linear, held
 
     def solve(self, ksp: Any, b: Any, x: Any) -> None:
-        """Solve one system."""
+        """Solve one system; the rows of ``held`` unknowns are the identity's."""
         ksp.setConvergedReason(self._linear.solve(b, x))
+        if self._linear.method[0] != "preonly":  # its error would never let them be attained
+            x.array_w[self._held] = b.array_r[self._held]
 
     def view(self, ksp: Any, viewer: Any) -> None:
         """Describe the linear solver, as ``-snes_view`` asks."""
@@ -327,7 +329,7 @@ class NewtonSolver:
         ksp.setOptionsPrefix(f"{prefix}newton_")  # those without newton_ are of the direct solver
         snes.setFromOptions()
         ksp.setType("python")
-        ksp.setPythonContext(_Linear(self.linear))
+        ksp.setPythonContext(_Linear(self.linear, self.problem.constraints.own))
         ksp.getPC().setType("none")
         snes.setFunction(self.evaluate_residual, self.problem.residual)
         snes.setJacobian(self.evaluate_jacobian, self._matrix)
