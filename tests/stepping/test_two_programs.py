@@ -18,6 +18,7 @@ from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Segment, cycle, planned_steps, program_of_case, ramp
 from wovenfab.stepping.program import side_by_side as beside
+from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -223,6 +224,21 @@ def test_a_failed_step_names_the_displacements_of_both_programs() -> None:
     told = r"\(displacement 20 mm, of the second program 40 mm\) even with a step of 1 s"
     with pytest.raises(StepFailedError, match=told):
         steps_of(case)
+
+
+def test_a_loss_of_stability_names_the_displacements_of_both_programs() -> None:
+    """Of a column along the yarns, pushed by the first program and drawn across by the second."""
+    case = square(
+        sheet={"length": 0.9, "width": 0.3, "fibres": ["0 deg", "90 deg"]},
+        boundary={"left": "clamp", "right": {"displacement": ["program", "second_program"]}},
+        program={"type": "ramp", "to": "-40 mm", "duration": 1, "steps": 4},
+        second_program={"type": "ramp", "to": "1e-9 m", "duration": 1, "steps": 4},
+    )
+    told = r"\(displacement -[\d.]+ mm, known to [\d.e-]+ mm; of the second program [\d.e-]+ mm\) "
+    with pytest.raises(StabilityLostError, match=told) as lost:
+        steps_of(case)
+    loss = lost.value.loss
+    assert loss.second == pytest.approx(1e-9 * loss.displacement / -40e-3)
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,7 @@ class StabilityLoss:
         negatives: Number of negative eigenvalues of the tangent at the saddle.
         saddle: Displacement of all unknowns there, m.
         mode: Direction in which the energy falls most; its largest component is 1 m.
+        second: Displacement of the second program at the minimum, m.
     """
 
     time: float
@@ -87,14 +88,16 @@ class StabilityLoss:
     negatives: int
     saddle: NDArray[np.float64]
     mode: NDArray[np.float64]
+    second: float = 0.0
 
     def __str__(self) -> str:
         """Say where, how well it is known, and at which load."""
         load = max(float(np.hypot(*force)) for force in self.reactions.values())
+        known = f"known to {1e3 * abs(self.increment):.1g} mm"
+        beside = f"; of the second program {1e3 * self.second:.6g} mm" if self.second else ""
         return (
             f"the sheet loses its stability at t = {self.time:.6g} s (displacement "
-            f"{1e3 * self.displacement:.6g} mm, known to {1e3 * abs(self.increment):.1g} mm) "
-            f"under a force of {load:.6g} N"
+            f"{1e3 * self.displacement:.6g} mm, {known}{beside}) under a force of {load:.6g} N"
         )
 
 
@@ -149,7 +152,7 @@ class Stability:
 
     def leave(
         self, now: tuple[float, float], until: tuple[float, float], force: NDArray[np.float64],
-        result: SolveResult,
+        result: SolveResult, second: float = 0.0,
     ) -> SolveResult:  # fmt: skip
         """Note the loss and go from the saddle to a minimum, if that is wanted.
 
@@ -158,6 +161,7 @@ class Stability:
             until: The same of the saddle.
             force: Internal force of the last minimum at own unknowns, N.
             result: That of the saddle.
+            second: Displacement of the second program at the last minimum, m.
         """
         if self.loss is None:
             self.loss = StabilityLoss(
@@ -168,6 +172,7 @@ class Stability:
                 negatives=result.negatives,
                 saddle=self._problem.model.field.x.array.copy(),
                 mode=softest_mode(self._solver),
+                second=second,
             )
         if self.follows:
             return leave_saddle(self._solver, self.loss.mode)

@@ -320,6 +320,7 @@ class TimeStepper:
             state.time, state.displacement, until - state.time,
             beyond.displacement - state.displacement, reactions(self._balance.forces.force),
             negatives=1, saddle=beyond.field, mode=beyond.mode,
+            second=self._program.second(state.time),
         )  # fmt: skip
         remedy = "it carries no larger force (limit point); prescribe the displacement beyond"
         state.restore()
@@ -334,7 +335,7 @@ class TimeStepper:
         ):
             return result
         now, then = (state.time, state.displacement), (until, state.reached)
-        return self._stability.leave(now, then, force, result)
+        return self._stability.leave(now, then, force, result, self._program.second(state.time))
 
     def _record(
         self,
