@@ -8,7 +8,7 @@ and sides along fibres stay along fibres.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import ceil, log, sqrt
 
@@ -194,10 +194,12 @@ def towards(
         size: Longest side before anything shrank, m.
     """
     reach = ON_PLACE * float(np.abs(points).max())
+    low, high = np.reshape(place.bounds, (2, 2)) + np.array([[-reach], [reach]])
     for level in range(0 if place.is_empty else layers.count):
         if layers.ratio ** (level + 1) * size < APART * reach:
             break
-        on = shapely.distance(shapely.points(points), place) < reach
+        on = (points >= low).all(axis=1) & (points <= high).all(axis=1)
+        on[on] = shapely.distance(shapely.points(points[on]), place) < reach
         least = layers.least * size * layers.ratio**level
         points, cells = shrunk(points, cells, on, least, layers.ratio)
     return points, cells
@@ -219,8 +221,11 @@ def shrunk(
         least: Sides that are shorter stay whole, m.
         ratio: Share of a side that is left next to those vertices.
     """
-    places: list[Array] = list(points)
+    added: list[Array] = []
     cuts: dict[tuple[int, int], int] = {}
+
+    def place(vertex: int) -> Array:
+        return points[vertex] if vertex < len(points) else added[vertex - len(points)]
 
     def cut(inner: int, outer: int) -> int | None:
         """Return the number of the new vertex on a side from the set outwards, if any."""
@@ -228,33 +233,37 @@ def shrunk(
             side = points[outer] - points[inner]
             if np.linalg.norm(side) < least:
                 return None
-            cuts[inner, outer] = len(places)
-            places.append(points[inner] + ratio * side)
+            cuts[inner, outer] = len(points) + len(added)
+            added.append(points[inner] + ratio * side)
         return cuts[inner, outer]
 
-    found: list[tuple[int, int, int]] = []
-    for cell in cells:
-        inside = on[cell]
-        count = int(inside.sum())
-        if count in (0, 3):
-            found.append(tuple(cell))
-            continue
+    inside = on[cells]
+    counts = inside.sum(axis=1)
+    parts, before = [], 0
+    # Most cells stay whole: only those that are partly on the set are looked at one by one.
+    for number in np.flatnonzero((counts == 1) | (counts == 2)):
+        alone = inside[number] if counts[number] == 1 else ~inside[number]
         # Turned so that the vertex that stands alone comes first.
-        a, b, c = np.roll(cell, -int(np.argmax(inside if count == 1 else ~inside)))
-        p, q = (cut(a, b), cut(a, c)) if count == 1 else (cut(b, a), cut(c, a))
+        a, b, c = map(int, np.roll(cells[number], -int(np.argmax(alone))))
+        p, q = (cut(a, b), cut(a, c)) if counts[number] == 1 else (cut(b, a), cut(c, a))
         if p is not None and q is not None:
-            found += [(a, p, q), *_halved((p, b, c, q), places)]
+            found = [(a, p, q), *_halved((p, b, c, q), place)]
         elif p is not None:
-            found += [(a, p, c), (p, b, c)]
+            found = [(a, p, c), (p, b, c)]
         elif q is not None:
-            found += [(a, b, q), (q, b, c)]
+            found = [(a, b, q), (q, b, c)]
         else:
-            found.append((a, b, c))
-    return np.array(places), np.array(found, dtype=np.int64)
+            found = [(a, b, c)]
+        parts += [cells[before:number], np.array(found, dtype=np.int64)]
+        before = number + 1
+    shown = [points, np.array(added)] if added else [points]
+    return np.concatenate(shown), np.concatenate([*parts, cells[before:]])
 
 
-def _halved(corners: tuple[int, int, int, int], places: list[Array]) -> list[tuple[int, int, int]]:
+def _halved(
+    corners: tuple[int, int, int, int], place: Callable[[int], Array]
+) -> list[tuple[int, int, int]]:
     """Return the two triangles of a quadrilateral, along its better diagonal."""
     a, b, c, d = corners
     ways = [[(a, b, c), (a, c, d)], [(a, b, d), (b, c, d)]]
-    return max(ways, key=lambda two: min(quality(*(places[i] for i in t)) for t in two))
+    return max(ways, key=lambda two: min(quality(*map(place, t)) for t in two))
