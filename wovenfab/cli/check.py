@@ -56,7 +56,8 @@ def edges_of(case: Case) -> list[str]:
     from wovenfab.sheet.geometry_file import edge_lines, read_geometry
     from wovenfab.simulation.from_case import geometry_of
 
-    return edge_lines(read_geometry(geometry_of(case.sheet), follow_curves=True).curves)
+    size = case.discretisation.mesh_size
+    return edge_lines(read_geometry(geometry_of(case.sheet), size, True, coarse=True).curves)
 
 
 def count_unknowns(case: Case, sheet: Sheet) -> int:

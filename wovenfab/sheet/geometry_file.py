@@ -173,7 +173,7 @@ def read_geometry(
         file: The file.
         mesh_size: Largest cell size, m; None keeps what the file says.
         follow_curves: Whether curves are divided finely enough for their shape, whatever the
-            size of the cells.
+            size of the cells; with a ``mesh_size`` only the outline counts then.
         coarse: Whether ``mesh_size`` is compared with the size of the sheet alone.
 
     Raises:
@@ -187,6 +187,8 @@ def read_geometry(
             lacking = _open(gmsh, file)
             if follow_curves and not file.is_mesh:
                 _follow_curves(gmsh)
+                if mesh_size is not None:  # cells inside need not be as small as those at edges
+                    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
             if mesh_size is not None:
                 _require_few(gmsh, file, mesh_size)
                 if not coarse:
