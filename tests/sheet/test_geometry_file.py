@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from math import sqrt
+from math import cos, pi, sin, sqrt
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,7 @@ from tests.cli.test_commands import CASE
 from tests.outlines import aligned, edge_lengths
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.check import edges_of
-from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file
+from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file, read_geometry
 from wovenfab.simulation.from_case import sheet_of
 
 OCC = 'SetFactory("OpenCASCADE");\n'
@@ -171,3 +171,17 @@ def test_keys_and_cells_that_do_not_fit_a_file_are_refused(
         made_by_gmsh(written(tmp_path, PLATE + GRIPS + "Recombine Surface {1};\n"), name)
     with pytest.raises(CaseError, match=says):
         lengths(tmp_path, keys, name)
+
+
+def test_an_outline_of_small_edges_is_read_without_small_cells_inside(tmp_path: Path) -> None:
+    n, lines = 400, [OCC]
+    turns = [2 * pi * k / n for k in range(n)]
+    lines += [f"Point({k}) = {{{cos(t)}, {sin(t)}, 0}};" for k, t in enumerate(turns, 1)]
+    lines += [f"Line({k}) = {{{k}, {k % n + 1}}};" for k in range(1, n + 1)]
+    lines += [f"Curve Loop(1) = {{1:{n}}};", "Plane Surface(1) = {1};", SURFACE]
+    lines += ['Physical Curve("left") = {200:220};', 'Physical Curve("right") = {1:20};']
+    file = GeometryFile(written(tmp_path, "\n".join(lines)))
+    full, coarse = (read_geometry(file, 0.5, follow_curves=f) for f in (False, True))
+    assert 5 * len(coarse.triangles) < len(full.triangles)
+    (ring,), (other,) = coarse.outline.rings, full.outline.rings
+    assert (ring.points == other.points).all() and ring.names == other.names

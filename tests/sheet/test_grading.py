@@ -85,3 +85,15 @@ def _beside(
     length = float((ends[1] - ends[0]) @ fibre)
     on = (np.abs(away) < 1e-9) & (ahead > -1e-9) & (ahead < length + 1e-9)
     return np.abs(away)[cells[on[cells].sum(axis=1) == 2]].max(axis=1)
+
+
+def test_a_layer_leaves_cells_away_from_its_set_as_and_where_they_were() -> None:
+    """Their order is that of the mesh before, whatever is cut between them."""
+    outline = SHAPES["hole"]
+    _, _, (points, cells) = lines_and_mesh(outline, fibres_at((45, -45)), 0.1)
+    on = points[:, 0] < points[:, 0].min() + 1e-9
+    after, found = shrunk(points, cells, on)
+    assert (after[: len(points)] == points).all() and len(found) > len(cells)
+    whole = cells[~on[cells].any(axis=1)]
+    kept = [tuple(cell) for cell in found if tuple(cell) in set(map(tuple, whole))]
+    assert kept == list(map(tuple, whole))
