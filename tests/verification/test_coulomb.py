@@ -143,6 +143,33 @@ def test_the_loop_of_the_smooth_law_tends_to_coulombs_as_its_slope_grows(kind: s
     assert orders[-1] > 0.65
 
 
+def test_a_sheet_that_sticks_comes_near_a_bonded_one_with_each_degree() -> None:
+    """What slips between the quadrature points is lost; that must shrink with each degree."""
+    program = program_of([ramp(0.0, 0.01, 1.0, 2)])
+    values = {**scenes.TABLE_1, "slip_friction": {"strength": 1e12}}
+
+    def force(degree: int, *names: str) -> float:
+        model = scenes.model(scenes.sheet(), names, Numerics(degree), values)
+        return float(scenes.forces(scenes.march(model, program))[-1])
+
+    stuck = (*scenes.COUPLED, "slip_friction:coulomb")
+    shares = [force(d, *stuck) / force(d, *scenes.BONDED) for d in (2, 3, 4, 5)]
+    print(f"\nforce of a sheet that sticks over that of a bonded one, degrees 2 to 5: {shares}")
+    assert (np.diff(shares) > 0).all()
+    assert 0.97 < shares[-1] < 1
+
+
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
+def test_friction_has_no_more_points_than_ways_to_slip(degree: int) -> None:
+    """In a large mesh a cell has degree**2 / 2 unknowns of each component."""
+    many = scenes.sheet(mesh_size=0.05)
+    cells = many.mesh.topology.index_map(2).size_local
+    model = scenes.model(many, (*scenes.COUPLED, "slip_friction:coulomb"), Numerics(degree))
+    points = model.point_frictions[0].stress.x.array.size / 2
+    assert points / cells <= degree**2 / 2
+    assert points / cells > 0.4 * degree**2 / 2
+
+
 def test_a_scene_without_it_builds_nothing_of_it() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
     assert plain.point_frictions == plain.friction_force == plain.loss == ()

@@ -54,6 +54,26 @@ def take_attributes(owner: object, snapshot: Mapping[str, Any], *names: str) -> 
         setattr(owner, name, snapshot[name.lstrip("_")])
 
 
+def finest_rule(degree: int) -> int:
+    """Return the degree of the finest quadrature with a unique stress of yarns that stick.
+
+    It has no more points in a cell than a continuous field of the elements' degree has unknowns,
+    degree**2 / 2 in a large mesh. With fewer ones yarns slip between the points, without loss.
+
+    Args:
+        degree: Of the elements.
+    """
+    found = 1
+    while _points(found + 1) <= degree**2 / 2:
+        found += 1
+    return found
+
+
+def _points(degree: int) -> int:
+    """Return the number of points of a quadrature rule in a triangle."""
+    return len(basix.make_quadrature(basix.CellType.triangle, degree)[1])
+
+
 def point_function(mesh: Any, size: int, degree: int) -> fem.Function:
     """Return a function of ``size`` components at the points of a quadrature rule, zero there."""
     element = basix.ufl.quadrature_element(

@@ -21,7 +21,7 @@ from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums, crossed_facets
 from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
-from wovenfab.model.memory import Memory, Variables, point_function
+from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, placements_on
 from wovenfab.sheet.sheet import Sheet
 
@@ -45,9 +45,8 @@ class Numerics:
         penalty: sigma of the interior penalty; None for the automatic local value.
         history: Earlier states that the time scheme's rates use (0 without a rate).
         mixed: Use the mixed-integration-point tangent.
-        friction: Quadrature degree of set-valued friction; None for one less than the
-            element's. Such a rule has no more points than the slip has modes, so that the
-            stress of yarns that stick is unique.
+        friction: Quadrature degree of set-valued friction; None for the finest rule by which
+            the stress of yarns that stick is unique.
     """
 
     degree: int
@@ -196,7 +195,7 @@ def build_model(
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
     quadrature = numerics.quadrature or 2 * numerics.degree
-    degree = numerics.friction or max(numerics.degree - 1, 1)
+    degree = numerics.friction or finest_rule(numerics.degree)
     variables = {
         t.effect.name: Variables(mesh, t, degree if t.effect.set_valued else quadrature)
         for t in terms
