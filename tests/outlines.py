@@ -11,7 +11,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.model.assembly import compile_form
-from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.aligned import Grading, aligned_sheet
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, spaced, special_lines
 from wovenfab.sheet.sheet import Outline, Ring, Sheet, directions, rectangle_outline
 
@@ -63,7 +63,7 @@ def aligned(
     angles: Angles,
     mesh_size: float,
     comm: MPI.Comm = MPI.COMM_SELF,
-    **options: float | bool | None,
+    **options: Grading | bool | None,
 ) -> Sheet:
     """Return a sheet with a mesh along its fibres."""
     return aligned_sheet(comm, outline, fibres_at(angles), (HOLDS, HOLDS), mesh_size, **options)

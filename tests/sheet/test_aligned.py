@@ -17,7 +17,7 @@ from tests.outlines import (
     tee,
     with_hole,
 )
-from wovenfab.sheet.aligned import singular_points
+from wovenfab.sheet.aligned import grading_of, singular_points
 from wovenfab.sheet.fibre_mesh import across, divided, evenly, fibre_mesh, quality, special_lines
 from wovenfab.sheet.sheet import Outline, outline_of
 
@@ -98,7 +98,8 @@ def test_the_outline_of_a_mesh_is_found_again_with_its_names() -> None:
 
 @pytest.mark.parametrize("corner_size", [None, 0.01])
 def test_edges_are_named_on_coarse_and_on_graded_meshes(corner_size: float | None) -> None:
-    sheet = aligned(SHAPES["rectangle"], (45, -45), 0.1, corner_size=corner_size)
+    grading = grading_of(0.1, corner_size) if corner_size else None
+    sheet = aligned(SHAPES["rectangle"], (45, -45), 0.1, grading=grading)
     x = sheet.mesh.geometry.x
     sheet.mesh.topology.create_connectivity(1, 0)
     facets = sheet.mesh.topology.connectivity(1, 0)

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from tests.outlines import HOLDS, SHAPES, Angles, fibres_at, lines_and_mesh
 from wovenfab.sheet.aligned import (
+    BONDED,
     RATIO,
-    STEEP,
+    STICKING,
     Grading,
     Layers,
     graded,
@@ -28,7 +29,7 @@ def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.f
 
 @pytest.mark.parametrize("name", ["rectangle", "re-entrant corners", "hole"])
 @pytest.mark.parametrize("angles", [(45, -45), (30, -60)])
-@pytest.mark.parametrize("how", [STEEP, grading_of(0.1, 0.1 * RATIO**3)], ids=["steep", "given"])
+@pytest.mark.parametrize("how", [BONDED, STICKING, grading_of(0.1, 0.1 * RATIO**3)])
 def test_a_graded_mesh_has_no_gaps(name: str, angles: Angles, how: Grading) -> None:
     outline = SHAPES[name]
     lines, _, coarse = lines_and_mesh(outline, fibres_at(angles), 0.1)
@@ -63,14 +64,14 @@ def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
 def test_cells_are_thin_along_both_sides_of_special_fibres(angles: Angles) -> None:
     outline, fibres = SHAPES["rectangle"], fibres_at(angles)
     lines, _, coarse = lines_and_mesh(outline, fibres, 0.1)
-    alone = Grading(Layers(0), STEEP.lines, Layers(0))
+    alone = Grading(Layers(0), BONDED.lines, Layers(0))
     fine = graded(*coarse, outline, (HOLDS, HOLDS), lines, alone)
     assert sum(len(family.jumps) for family in lines) == 4
     for family, fibre in zip(lines, fibres, strict=True):
         for ends in family.jumps:
             before, after = (_beside(*mesh, ends, fibre) for mesh in (coarse, fine))
             assert len(after) >= len(before) > 0
-            assert after.max() == pytest.approx(STEEP.lines.ratio * before.max())
+            assert after.max() == pytest.approx(BONDED.lines.ratio * before.max())
 
 
 def _beside(

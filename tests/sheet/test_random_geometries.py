@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from tests.outlines import HOLDS, aligned, edge_lengths
 from wovenfab.compat import corners_of
+from wovenfab.sheet.aligned import BONDED
 from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file
 
 OCC = 'SetFactory("OpenCASCADE");\n'
@@ -133,7 +134,7 @@ def test_a_random_geometry_is_meshed_with_its_area_and_edges(seed: int, tmp_path
     angles = (first, first + g.choice([90.0, g.uniform(40, 140)]))
     size = [None, 0.03, 0.1, 0.3][int(g.integers(4))]
     outline, size = outline_from_file(MPI.COMM_SELF, GeometryFile(path), size)
-    on = aligned(outline, angles, size, steep=bool(seed % 2))
+    on = aligned(outline, angles, size, grading=BONDED if seed % 2 else None)
     corners = on.mesh.geometry.x[corners_of(on.mesh)][..., :2]
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2

@@ -33,6 +33,14 @@ SOFT = (
 )
 
 
+STICKING = (
+    "effects.slip_friction={law: coulomb, strength: 1e9 N/m^2}",
+    "effects.coupling.stiffness=1e5 N/m^3",
+    "program={type: ramp, to: 20 mm, steps: 4, duration: 1}",
+    "time=null",
+)
+
+
 def elastic(*overrides: str) -> Case:
     return case_of("elastic-1x3", "accuracy=1 %", "discretisation=null", RAMP, *overrides)
 
@@ -132,6 +140,15 @@ def test_shorter_steps_do_not_start_from_a_guess_that_has_misled_a_longer_one() 
     assert outcome.failure is None
     assert outcome.cutbacks == plain.count  # once for each planned time
     assert steps[-1].force == pytest.approx(plain.forces[-1], rel=1e-6)
+
+
+def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_there() -> None:
+    chosen, lines = planned(case_of("bias-1x3", "accuracy=10 %", "discretisation=null", *STICKING))
+    print(f"\n{chosen.case.discretisation}", *lines, sep="\n")
+    assert not chosen.shortfall
+    assert chosen.case.discretisation.graded
+    assert chosen.start.graded
+    assert any("graded" in line for line in lines)
 
 
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:

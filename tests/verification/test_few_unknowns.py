@@ -15,6 +15,7 @@ import pytest
 from tests import scenes
 from tests.outlines import aligned
 from wovenfab.model.model import Numerics
+from wovenfab.sheet.aligned import BONDED
 from wovenfab.sheet.sheet import Sheet, rectangle_outline
 
 
@@ -42,10 +43,11 @@ class Sample:
         yarns = zip(("stretch", "bending"), self.yarns or (), strict=False)
         return scenes.TABLE_1 | {name: {"stiffness": (k, k)} for name, k in yarns}
 
-    def sheet(self, mesh_size: float, steep: bool = False, jumps: bool = True) -> Sheet:
-        """Return it with a mesh along its fibres: graded where one placement is steep, or not."""
+    def sheet(self, mesh_size: float, bonded: bool = False, jumps: bool = True) -> Sheet:
+        """Return it with a mesh along its fibres: graded for one placement, or not."""
+        grading = BONDED if bonded else None
         outline = rectangle_outline(0.3 * self.length, 0.3)
-        return aligned(outline, self.angles, mesh_size, jumps=jumps, steep=steep)
+        return aligned(outline, self.angles, mesh_size, grading=grading, jumps=jumps)
 
     def pull(
         self, names: Sequence[str], displacement: float, degree: int, on: Sheet
@@ -76,7 +78,7 @@ def check(
     """Compare the force of a sample with its limit, and its unknowns with their most."""
     sample, bonded = SAMPLES[name], names == scenes.BONDED
     limit, displacement = (sample.bonded, 0.04) if bonded else (sample.sliding, 0.02)
-    on = sample.sheet(mesh_size, steep=bonded)
+    on = sample.sheet(mesh_size, bonded=bonded)
     unknowns, force = sample.pull(names, displacement, degree, on)
     off = force / limit - 1
     print(f"{name}, P{degree}, {unknowns} unknowns: {force:.4f} N, error {off:.2e}")
@@ -104,7 +106,7 @@ def test_other_samples_need_no_more(name: str) -> None:
 
 def test_grading_does_more_than_a_finer_mesh() -> None:
     sample = SAMPLES["1:3"]
-    few, graded = sample.pull(scenes.BONDED, 0.04, 3, sample.sheet(0.1, steep=True))
+    few, graded = sample.pull(scenes.BONDED, 0.04, 3, sample.sheet(0.1, bonded=True))
     many, even = sample.pull(scenes.BONDED, 0.04, 4, sample.sheet(0.05))
     print(f"graded P3 {few}: {graded:.3f} N, even P4 {many}: {even:.3f} N")
     assert few < many

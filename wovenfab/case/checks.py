@@ -264,6 +264,11 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
     if given.corner_size and mesh not in graded:
         reason = f"a mesh that is {mesh} cannot be graded" if given.mesh else "does not apply here"
         yield ("discretisation", "corner_size"), reason, "Leave this key out."
+    if given.graded and given.corner_size:
+        yield ("discretisation", "graded"), "excludes 'corner_size'", "Leave one of both keys out."
+    if given.graded and (mesh != "fibres" or not graded):
+        reason = "only a mesh along the fibres is graded by itself"
+        yield ("discretisation", "graded"), reason, "Use 'mesh: fibres', or leave this key out."
     if given.jumps and (mesh != "fibres" or not graded):
         reason = "placements can jump on a mesh along the fibres alone"
         yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."
@@ -278,7 +283,7 @@ def _accuracy(
     if from_state is not None:
         yield ("from_state",), "brings its own elements", "Leave out this key or 'accuracy'."
     for section, name, keys in (
-        (discretisation, "discretisation", ("degree", "mesh_size", "corner_size")),
+        (discretisation, "discretisation", ("degree", "mesh_size", "corner_size", "graded")),
         (time, "time", ("steps_per_cycle", "tolerance")),
     ):
         for key in keys:

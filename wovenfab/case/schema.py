@@ -153,6 +153,7 @@ Sheet = Annotated[
 ]
 
 
+Auto = Literal["auto"]
 Mesh = Literal["fibres", "crossed", "right", "unstructured"]
 
 
@@ -176,15 +177,16 @@ class Discretisation(Section):
 
     corner_size: Size | None = Field(default=None, examples=["2 mm"])
     """Size of the cells at the ends of clamps and at re-entrant corners, for a mesh along the
-    fibres or an unstructured rectangle. Along the fibres one placement is graded unless told
-    otherwise, there and along free edges; the mesh size given here makes it uniform."""
+    fibres or an unstructured rectangle."""
 
-    penalty: Annotated[float | Literal["auto"], Quantity(above=0, words=("auto",))] = "auto"
+    graded: Annotated[bool, Field(strict=True)] | None = None
+    """Whether a mesh along the fibres shrinks there, along special fibres and along free edges.
+    Unless given it does for one placement; for two that friction makes stick it may be worth it."""
+
+    penalty: Annotated[float | Auto, Quantity(above=0, words=("auto",))] = "auto"
     """Interior penalty sigma of the second-gradient terms."""
 
-    quadrature_degree: Annotated[
-        int | Literal["auto"], Count(least=1, most=30, words=("auto",))
-    ] = "auto"
+    quadrature_degree: Annotated[int | Auto, Count(least=1, most=30, words=("auto",))] = "auto"
     """Degree of polynomials that are integrated exactly."""
 
 
@@ -352,10 +354,7 @@ class Yarn(Section):
     """Number of equidistant points."""
 
 
-Probe = Annotated[
-    PointProbe | Extensometer | Zone | Line | Yarn,
-    Field(discriminator="type"),
-]
+Probe = Annotated[PointProbe | Extensometer | Zone | Line | Yarn, Field(discriminator="type")]
 
 
 def _probe_name(name: str) -> str:

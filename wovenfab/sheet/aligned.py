@@ -38,9 +38,8 @@ def aligned_sheet(
     fibres: Array,
     holds: tuple[Holds, Holds],
     mesh_size: float,
-    corner_size: float | None = None,
+    grading: Grading | None = None,
     jumps: bool = True,
-    steep: bool = False,
 ) -> Sheet:
     """Return a sheet with a mesh along its fibres; collective.
 
@@ -50,11 +49,8 @@ def aligned_sheet(
         fibres: Unit vectors along the fibres, shape (2, 2).
         holds: For each family, how edges hold it; special fibres start where that changes.
         mesh_size: Longest side of the cells, about, m.
-        corner_size: The same at corners where the strain is singular, m; the mesh size for
-            no refinement.
+        grading: How the mesh shrinks towards what makes strain steep; None if it does not.
         jumps: Whether placements may jump across special fibres.
-        steep: Whether the mesh is graded where no ``corner_size`` is given: one placement
-            is steep at corners and free edges, two slide there instead.
     """
     lines = (
         special_lines(outline, fibres[0], holds[0]),
@@ -64,10 +60,9 @@ def aligned_sheet(
     def build() -> tuple[Array, Triangles]:
         offsets = spaced(outline, fibres, (lines[0].offsets, lines[1].offsets), mesh_size / sqrt(2))
         points, cells = fibre_mesh(outline, fibres, offsets)
-        if corner_size is None and not steep:
+        if grading is None:
             return points, cells
-        how = grading_of(mesh_size, corner_size)
-        return graded(points, cells, outline, holds, lines, how)
+        return graded(points, cells, outline, holds, lines, grading)
 
     mesh = triangle_mesh(comm, build)
     facets, tags = name_facets(mesh, outline)
@@ -163,21 +158,21 @@ class Grading:
 #: difference between halves and quarters because two cells must span the corner at every
 #: scale. Fibres: one layer is enough, rings have small cells already. Edges: with two, cells
 #: between a half and an eighth of the width are no longer limited by them.
-STEEP = Grading(Layers(8, 0.5), Layers(1, 0.35, 0.25), Layers(2, RATIO, 0.5))
+BONDED = Grading(Layers(8, 0.5), Layers(1, 0.35, 0.25), Layers(2, RATIO, 0.5))
+#: What suits two placements that Coulomb's friction makes stick: they slide where the stress is
+#: singular, so that two rings are enough.
+STICKING = Grading(Layers(2, 0.5), BONDED.lines, Layers(1, RATIO, 0.5))
 
 
-def grading_of(mesh_size: float, corner_size: float | None) -> Grading:
-    """Return how a mesh shrinks.
+def grading_of(mesh_size: float, corner_size: float) -> Grading:
+    """Return how a mesh shrinks to a given size, by quarters, without regard to fibres.
 
     Args:
         mesh_size: Size of the cells elsewhere, m.
-        corner_size: Size at singular points, m, which is reached by quarters, without
-            regard to fibres; None for what suits one placement.
+        corner_size: Size at singular points, m.
     """
-    if corner_size is None:
-        return STEEP
     count = max(0, ceil(log(corner_size / mesh_size) / log(RATIO) - 1e-9))
-    edges = Layers(min(count, STEEP.edges.count), RATIO, STEEP.edges.least)
+    edges = Layers(min(count, BONDED.edges.count), RATIO, BONDED.edges.least)
     return Grading(Layers(count), Layers(0), edges)
 
 

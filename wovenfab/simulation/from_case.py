@@ -34,7 +34,7 @@ from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.parallel import agree
-from wovenfab.sheet.aligned import aligned_sheet
+from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
 from wovenfab.sheet.sheet import (
     GeometryError,
     Sheet,
@@ -228,10 +228,19 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         directions(case.sheet.fibres),
         (_holds(case, 1), _holds(case, 2)),
         size,
-        corner_size=d.corner_size,
+        _grading(case, size),
         jumps=d.jumps is not False,
-        steep=case.needs.placements == 1,
     )
+
+
+def _grading(case: Case, size: float) -> Grading | None:
+    """Return how the mesh of a case shrinks from a size towards what makes strain steep."""
+    d, is_bonded = case.discretisation, case.needs.placements == 1
+    if d.corner_size:
+        return grading_of(size, d.corner_size)
+    if not (is_bonded if d.graded is None else d.graded):
+        return None
+    return BONDED if is_bonded else STICKING
 
 
 def _holds(case: Case, family: int) -> dict[str, str]:
