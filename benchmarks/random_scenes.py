@@ -26,9 +26,15 @@ from wovenfab.study import target_accuracy
 from wovenfab.study.runner import Command, Store, execute, fingerprint
 
 ROOT = Path(__file__).parents[1]
-#: What chooses elements and steps.
-CHOOSING = Path(target_accuracy.__path__[0])
-SOURCES = [CHOOSING / f"{name}.py" for name in ("plan", "trials", "time_steps", "estimate")]
+#: What chooses elements and steps, and what decides how far they lead.
+CHOOSING, PACKAGE = Path(target_accuracy.__path__[0]), ROOT / "wovenfab"
+SOURCES = [
+    *(CHOOSING / f"{name}.py" for name in ("plan", "trials", "time_steps", "estimate")),
+    *(
+        PACKAGE / f"{name}.py"
+        for name in ("model/memory", "sheet/aligned", "solver/point_friction")
+    ),
+]
 RESULTS = Path("results") / "random"
 COUNT, SEED, FINER_COUNT = 100, 1, 10
 ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2
@@ -281,7 +287,7 @@ def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, 
 
 
 def key_of(number: int, seed: int, folder: Path, accuracy: float) -> str:
-    """Return a mark of what a row depends on: the scene and what chooses elements and steps."""
+    """Return a mark of what a row depends on: the scene and the sources that matter most."""
     return fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
 
 

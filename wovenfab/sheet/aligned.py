@@ -159,8 +159,8 @@ class Grading:
 #: scale. Fibres: one layer is enough, rings have small cells already. Edges: with two, cells
 #: between a half and an eighth of the width are no longer limited by them.
 BONDED = Grading(Layers(8, 0.5), Layers(1, 0.35, 0.25), Layers(2, RATIO, 0.5))
-#: What suits two placements that Coulomb's friction makes stick: they slide where the stress is
-#: singular, so that two rings are enough.
+#: What suits two placements with Coulomb's friction: as one where they stick, but they slide where
+#: the stress is singular, so that two rings are enough.
 STICKING = Grading(Layers(2, 0.5), BONDED.lines, Layers(1, RATIO, 0.5))
 
 

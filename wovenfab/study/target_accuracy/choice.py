@@ -54,13 +54,13 @@ def choose(
         progress: Gets what is being done.
     """
     assert case.accuracy is not None
-    sheets = {case.discretisation.mesh_size: sheet}
+    sheets = {(case.discretisation.mesh_size, case.discretisation.graded): sheet}
 
     def mesher(trial: Case) -> Sheet:
-        size = trial.discretisation.mesh_size
-        if size not in sheets:
-            sheets[size] = sheet_of(trial, sheet.mesh.comm)
-        return sheets[size]
+        cells = (trial.discretisation.mesh_size, trial.discretisation.graded)
+        if cells not in sheets:
+            sheets[cells] = sheet_of(trial, sheet.mesh.comm)
+        return sheets[cells]
 
     path = Path(text) if (text := os.environ.get(CHOICES)) else None
     start = known_start(case, path) if path and sheet.mesh.comm.rank == 0 else Start()
@@ -69,7 +69,8 @@ def choose(
         on_root(sheet.mesh.comm, lambda: remember(case, chosen.start, path))
     d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
-    words = f"chosen: degree {d.degree}, cells{size}{_steps(chosen.case)}"
+    graded = " on a graded mesh" if d.graded else ""
+    words = f"chosen: degree {d.degree}, cells{size}{graded}{_steps(chosen.case)}"
     say(words)
     logger.info("for an accuracy of %g: %s", case.accuracy, words)
     if chosen.shortfall:
@@ -128,7 +129,8 @@ def known_start(case: Case, path: Path) -> Start:
                     continue
                 if (ratio := _ratio(known["numbers"], numbers)) <= NEAR:
                     steps = known["steps"] and (str(known["steps"][0]), float(known["steps"][1]))
-                    near.append((ratio, Start(int(known["cells"]), int(known["degree"]), steps)))
+                    cells, degree, graded = (int(known[k]) for k in ("cells", "degree", "graded"))
+                    near.append((ratio, Start(cells, degree, steps, bool(graded))))
     if not near:
         return Start()
     _, start = min(near, key=lambda one: one[0])

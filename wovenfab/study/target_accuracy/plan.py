@@ -13,6 +13,7 @@ from mpi4py import MPI
 from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.from_case import follows_fibres
 from wovenfab.simulation.progress import memory, memory_of_machine
 from wovenfab.simulation.response import (
     Response,
@@ -49,6 +50,8 @@ MUCH_MORE = 2.0
 #: Share of the elements' error up to which the error of the few steps of trials changes nothing,
 #: so that these steps may be cut in some of the trials that are compared.
 HARMLESS = 0.1
+#: Error that both parts may have over the accuracy: they fill it to the last digit.
+ROUND_OFF = 1e-9
 #: Scheme of the rates.
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
@@ -58,6 +61,9 @@ WITHOUT_ERROR = 20
 USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
+#: Error of two placements with Coulomb's friction, over the target, from which the mesh is graded:
+#: that takes three to four times as many unknowns, and pays where yarns stick.
+MUCH = 4.0
 #: Degrees that are tried on a mesh, one after another; one lower and one higher give the
 #: errors of each.
 DEGREES = (2, 3, 4, 5)
@@ -73,11 +79,13 @@ class Start:
         cells: Number across the sheet's shorter side.
         degree: Of the elements that are judged first, by one lower and one higher.
         steps: Kind of the steps and their number over that of the first trial, if known.
+        graded: Whether two placements have a graded mesh.
     """
 
     cells: int = COARSEST
     degree: int = DEGREES[1]
     steps: tuple[str, float] | None = None
+    graded: bool = False
 
 
 @dataclass(frozen=True)
@@ -158,16 +166,15 @@ def plan(
         d.degree, d.mesh_size, error, left, elements.shortfall or "small enough",
     )  # fmt: skip
     cells = round(shorter_side(sheet) / d.mesh_size) if d.mesh_size else COARSEST
-    found = Start(cells, d.degree)
+    found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
         return replace(elements, start=found)
     if (more := max(case.accuracy - error, share * error / case.accuracy)) > MUCH_MORE * share:
         steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors)
-    shortfall = elements.shortfall if estimate.worst > case.accuracy else ""
-    if not shortfall and estimate.worst > case.accuracy:
-        shortfall = "shorter steps were not tried"
+    reached = estimate.worst <= case.accuracy * (1 + ROUND_OFF)
+    shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     found = replace(found, steps=(steps.words, steps.number))
     return replace(
         elements,
@@ -192,6 +199,7 @@ class _MeshSearch:
         start: The first mesh and degrees.
         share: Share of the usual steps, which is enough for all degrees.
         may_cut: Whether steps may be cut.
+        graded: Whether the mesh is graded, or None for as usual.
         best: The best elements so far.
         seconds: Wall time of the steps of the last mesh, without compiling.
     """
@@ -205,6 +213,7 @@ class _MeshSearch:
     start: Start
     share: float
     may_cut: bool = False
+    graded: bool | None = None
     best: Plan | None = None
     seconds: float = 0.0
 
@@ -212,10 +221,12 @@ class _MeshSearch:
         """Return the elements that are accurate enough, or the best; collective."""
         cells, lowest, reachable, failure = self.start.cells, self.start.degree - 1, 0.0, ""
         trials: list[Trial] = []
+        self.graded = self.start.graded or None
         while True:
             start = perf_counter()
             size = shorter_side(self.sheet) / cells
-            trial, sheet = meshed(with_elements(self.case, mesh_size=size), self.mesher, self.sheet)
+            trial = with_elements(self.case, mesh_size=size, graded=self.graded)
+            trial, sheet = meshed(trial, self.mesher, self.sheet)
             unknowns = _unknowns(trial, sheet, DEGREES[2])
             if need := over_limits(unknowns, trials, self.limits):
                 reason = f"the next finer elements have {need}, more than allowed"
@@ -236,6 +247,10 @@ class _MeshSearch:
                 reason = failure or "the mesh is given, so that only degrees could be tried"
                 break
             trials.append(Trial(cells, unknowns, _slowest(sheet, self.seconds), error))
+            if self._should_grade(error):
+                self._grade(sum(t.seconds for t in trials))
+                lowest, trials = DEGREES[0], []
+                continue
             need, reachable = out_of_reach(trials, self.target, self.limits)
             if need:
                 reason = f"it needs elements with about {need}, more than allowed"
@@ -246,6 +261,13 @@ class _MeshSearch:
             case = with_elements(self.case, degree=DEGREES[1])
             return Plan(case, self.mesher(self.case), None, failure or reason)
         return replace(self.best, shortfall=reason, reachable=reachable)
+
+    def _grade(self, spent: float) -> None:
+        """Go on with graded meshes, after some time (s)."""
+        self.report("the mesh is graded, for the error is large where yarns stick")
+        self.graded = True
+        time, patience = self.limits.time - spent, self.limits.patience - spent
+        self.limits = replace(self.limits, time=time, patience=patience)
 
     def _left(self, trials: Sequence[Trial]) -> float:
         """Return the time that is left for trials, s."""
@@ -281,9 +303,14 @@ class _MeshSearch:
             refinement = DegreeRefinement(degrees, tuple(responses[-3:]))
             case = with_elements(trial, degree=degree - 2)
             error = self._add(case, sheet, Estimate(refinement, degree - 2))
-            if error <= self.target:
+            if error <= self.target or self._should_grade(error):
                 break
         return error
+
+    def _should_grade(self, error: float | None) -> bool:
+        """Return whether the mesh should be graded, for the error of one that may not be."""
+        much = error is not None and error >= MUCH * self.target
+        return much and not self.graded and could_stick(self.case)
 
     def _response(
         self, trial: Case, sheet: Sheet, degree: int, lower: Sequence[Response], left: float
@@ -339,6 +366,13 @@ def meshed(case: Case, mesher: Mesher, sheet: Sheet) -> tuple[Case, Sheet]:
 def has_free_size(case: Case) -> bool:
     """Return whether the size of the cells can be chosen."""
     return not str(getattr(case.sheet, "file", "")).endswith(".msh")
+
+
+def could_stick(case: Case) -> bool:
+    """Return whether two placements could act as one, on a mesh that can be graded."""
+    effects = [entry.effect for entry in case.scene]
+    sticks = any(e.set_valued and e.needs.placements == 2 for e in effects)
+    return sticks and follows_fibres(case)
 
 
 def shorter_side(sheet: Sheet) -> float:
