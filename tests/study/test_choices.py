@@ -16,7 +16,8 @@ from wovenfab.record.results import CHOICES
 from wovenfab.simulation.response import response_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
-from wovenfab.study.target_accuracy.choice import known_start, remember
+from wovenfab.study.target_accuracy.choice import known_start, remember, report_errors
+from wovenfab.study.target_accuracy.estimate import SAFETY
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
@@ -149,6 +150,21 @@ def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_th
     assert chosen.case.discretisation.graded
     assert chosen.start.graded
     assert any("graded" in line for line in lines)
+
+
+def test_a_loss_that_coarse_elements_do_not_have_is_stated_without_an_error_of_steps() -> None:
+    """Steps are judged with coarse elements, of which all points may stick."""
+    errors = {
+        "wanted": 0.01,
+        "shortfall": "",
+        "elements": {"peak_force_N": 1e-3, "dissipated_J": 2e-3},
+        "steps": {"peak_force_N": 1e-3},
+    }
+    summary = {"peak_force_N": 1.0, "dissipated_J": 2.0}
+    figures = report_errors(errors, summary, None, str)["accuracy"]["figures"]
+    assert figures["dissipated_J"]["error_of_steps"] is None
+    assert figures["dissipated_J"]["relative_error"] == pytest.approx(SAFETY * 2e-3)
+    assert figures["peak_force_N"]["error_of_steps"] == pytest.approx(1e-3)
 
 
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:

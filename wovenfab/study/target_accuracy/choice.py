@@ -196,7 +196,7 @@ def report_errors(
     entry: dict[str, Any] = {"wanted": wanted, "shortfall": shortfall}
     if errors["elements"]:
         entry["figures"] = {
-            name: _error(summary[name], share, None if steps is None else steps[name])
+            name: _error(summary[name], share, (steps or {}).get(name))
             for name, share in errors["elements"].items()
             if summary.get(name) is not None
         }
