@@ -2,6 +2,7 @@
 
 Each step solves twice with one factor of the tangent (Mehrotra): the predictor aims at the law
 itself, the corrector adds the centring and the second-order terms that the predictor gives.
+``FrictionPoints`` are the points.
 
 For tangent-linear equations a stress follows d tau = D (db - db|tau): its tangent D, the change of
 the increment b with the present and the earlier states, and that which a parameter causes at fixed
@@ -38,7 +39,7 @@ CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
 #: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
 #: as stiff as its yarns in tension; it may be a million times softer in shear. And at most over
-#: the secant: the bound over the largest increment so far (next to none where a program turns).
+#: the secant: the bound over the largest increment of the last step.
 FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
@@ -77,7 +78,7 @@ class PointStress:
         self._stress = np.zeros_like(points.bound)  # the present one
         self._accepted = self._stress
         self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
-        self._secant: Array | None = None  # most that steps before suggest, N/m^3
+        self._secant: Array | None = None  # most that the last step suggests, N/m^3
         self.diagonal = 0.0
         self._started = self._moved = False
         self._increment = self._tangent = self._creep = self._stress
@@ -101,8 +102,7 @@ class PointStress:
         self._accepted = self._stress
         largest = self.points.largest(self._increment)
         if self._sum(float(largest.any())) and not self._idle:  # a rank may have no such point
-            secant = SECANT * self.points.bound / np.maximum(largest, 1 / HUGE)
-            self._secant = np.minimum(secant, secant if self._secant is None else self._secant)
+            self._secant = SECANT * self.points.bound / np.maximum(largest, 1 / HUGE)
 
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
@@ -255,7 +255,7 @@ class PointStress:
         return float(self._acting.value) == 0 or self._area == 0
 
     def _first(self) -> Array:
-        """Return d tau/d b for the first iteration: nearly as if all slid as before."""
+        """Return d tau/d b for the first iteration: nearly as if all slid as in the last step."""
         assert self._stiffness is not None
         if self._secant is None:
             return UNKNOWN * self._stiffness
