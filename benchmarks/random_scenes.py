@@ -22,19 +22,13 @@ import numpy as np
 from wovenfab.case import Case, read_case
 from wovenfab.record.results import markdown
 from wovenfab.simulation.response import NOTHING
-from wovenfab.study import target_accuracy
 from wovenfab.study.runner import Command, Store, execute, fingerprint
 
 ROOT = Path(__file__).parents[1]
 #: What chooses elements and steps, and what decides how far they lead.
-CHOOSING, PACKAGE = Path(target_accuracy.__path__[0]), ROOT / "wovenfab"
-SOURCES = [
-    *(CHOOSING / f"{name}.py" for name in ("plan", "trials", "time_steps", "estimate")),
-    *(
-        PACKAGE / f"{name}.py"
-        for name in ("model/memory", "sheet/aligned", "solver/point_friction")
-    ),
-]
+CHOOSING = tuple(f"study/target_accuracy/{n}" for n in ("plan", "trials", "time_steps", "estimate"))
+LEADING = ("model/memory", "sheet/aligned", "solver/point_friction")
+SOURCES = [ROOT / "wovenfab" / f"{name}.py" for name in CHOOSING + LEADING]
 RESULTS = Path("results") / "random"
 COUNT, SEED, FINER_COUNT = 100, 1, 10
 ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2

@@ -30,7 +30,7 @@ from wovenfab.study.target_accuracy.estimate import (
     Estimate,
     response_with_degree,
 )
-from wovenfab.study.target_accuracy.time_steps import Report, StepSearch
+from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
 from wovenfab.study.target_accuracy.trials import (
     Limits,
     Trial,
@@ -50,8 +50,6 @@ MUCH_MORE = 2.0
 #: Share of the elements' error up to which the error of the few steps of trials changes nothing,
 #: so that these steps may be cut in some of the trials that are compared.
 HARMLESS = 0.1
-#: Error that both parts may have over the accuracy: they fill it to the last digit.
-ROUND_OFF = 1e-9
 #: Scheme of the rates.
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
@@ -173,7 +171,7 @@ def plan(
         steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors)
-    reached = estimate.worst <= case.accuracy * (1 + ROUND_OFF)
+    reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     found = replace(found, steps=(steps.words, steps.number))
     return replace(
