@@ -19,6 +19,7 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
+from wovenfab.simulation.simulation import Simulation
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
@@ -179,6 +180,28 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
         values = model.field.x.array.reshape(-1, 2)
         values[:] = cubic(model.placements.positions.T).T
     assert prolongated(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
+
+
+def test_a_state_of_lower_degree_has_the_prescribed_placements_of_a_higher_one() -> None:
+    """Otherwise the first step to it is without a line search: rounding alone is no reason."""
+    case = case_of("bonded-1x3", elements(3, 0.07))
+    on = sheet(case)
+    pulled = 0.0123
+    with Simulation(case, on) as low, Simulation(with_elements(case, degree=4), on) as high:
+        for simulation in (low, high):
+            simulation.solver.problem.prescribe(pulled)
+        assert low.solver.solve().converged
+        constraints, field = high.solver.problem.constraints, high.model.field
+        field.x.array[:] = prolongated(low.model.field.x.array, low.model, high.model)
+        assert constraints.unmet(field)
+        free = np.setdiff1d(np.arange(field.x.array.size), constraints.own)
+        before = field.x.array[free].copy()
+        constraints.complete(field)
+        assert not constraints.unmet(field)
+        assert (field.x.array[free] == before).all()
+        high.solver.problem.prescribe(pulled * (1 + 1e-6))
+        constraints.complete(field)
+        assert constraints.unmet(field)
 
 
 def test_a_plan_reaches_its_accuracy_and_logs_its_choices(

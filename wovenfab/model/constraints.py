@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem, la
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from forms.balance import Load
@@ -22,6 +23,8 @@ from wovenfab.sheet.sheet import Sheet
 
 #: Change of the program (m) in differences of formulas.
 DIFFERENCE = 1e-5
+#: Rounding error of displacements over the largest one.
+ROUNDING = 1e-12
 #: A component of a load: a number, or a function of position and programs (UFL in and out).
 Force = float | Callable[[Any, Any, Any], Any]
 
@@ -279,6 +282,19 @@ class Constraints:
         """
         mine = sum(float(force[p.owned] @ displacement[p.owned]) for p in self._parts)
         return float(self._comm.allreduce(mine))
+
+    def complete(self, field: fem.Function) -> None:
+        """Give a field that has the prescribed values up to rounding exactly these; collective.
+
+        So has a state of elements of another degree.
+        """
+        held = np.concatenate([part.dofs for part in self._parts] or [self.own])
+        values = self._values.x.array[held]
+        misses = np.abs(field.x.array[held] - values).max(initial=0.0)
+        sizes = np.array([misses, np.abs(values).max(initial=0.0)])
+        self._comm.Allreduce(MPI.IN_PLACE, sizes, op=MPI.MAX)
+        if sizes[0] <= ROUNDING * sizes[1]:
+            field.x.array[held] = values
 
     def unmet(self, field: fem.Function) -> bool:
         """Return whether any prescribed value is not yet attained; same on all ranks."""

@@ -126,6 +126,7 @@ class NewtonSolver:
             most: Number of iterations.
         """
         problem = self.problem
+        problem.constraints.complete(problem.model.field)
         self.solution.array_w[:] = problem.model.field.x.array[: self.solution.getLocalSize()]
         self.norm, self.tangents, self._most = np.nan, 0, most
         self._began[:] = self.solution.array_r

@@ -167,7 +167,7 @@ class Problem:
         field.x.scatter_forward()
 
     def begin(self) -> None:
-        """Check whether the field has the prescribed placements already."""
+        """Check whether the field has the prescribed placements already; collective."""
         self.attained = not self.constraints.unmet(self.model.field)
 
     def evaluate_residual(self, b: Any) -> None:
