@@ -251,7 +251,7 @@ def execute_all(
     Raises:
         KeyboardInterrupt: This process was told to end.
     """
-    with _signals() as received, place as submit:
+    with signals_to_end() as received, place as submit:
         numbers = {submit(command): i for i, command in enumerate(commands)}
         waiting = set(numbers)
         while waiting:
@@ -264,13 +264,28 @@ def execute_all(
 
 
 @contextmanager
-def _signals() -> Iterator[list[int]]:
-    """Yield the signals to end that were received, which do not interrupt what is being done."""
+def signals_to_end(at_once: bool = False) -> Iterator[list[int]]:
+    """Yield the signals to end that were received.
+
+    Args:
+        at_once: They interrupt what is being done. Python forgets an exception in a destructor
+            or in a callback of a library, so that the caller still has to look whether any came.
+
+    Raises:
+        KeyboardInterrupt: One came, and nobody has looked.
+    """
     received: list[int] = []
-    ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    before = {n: signal.signal(n, lambda number, _: received.append(number)) for n in ends}
+
+    def note(number: int, _: Any) -> None:
+        received.append(number)
+        if at_once:
+            raise KeyboardInterrupt
+
+    before = {n: signal.signal(n, note) for n in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
     try:
         yield received
+        if received:
+            raise KeyboardInterrupt
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

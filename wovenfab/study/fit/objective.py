@@ -30,7 +30,7 @@ from wovenfab.study.fit.response import (
     computed,
     curve_of,
 )
-from wovenfab.study.runner import Store, Submit, fingerprint
+from wovenfab.study.runner import Store, Submit, fingerprint, signals_to_end
 
 Array = NDArray[np.float64]
 #: Runs one after the other in this process.
@@ -131,6 +131,7 @@ class Objective:
             report: Called with each trial.
         """
         self._fit, self._report, self._stack = fit, report, ExitStack()
+        self._received: list[int] = []  # signals to end
         self._store, self._ranks = Store(folder), cluster.ranks
         self._pool: ProcessPoolExecutor | None = None
         self._submit: Submit | None = None
@@ -145,7 +146,8 @@ class Objective:
         self._evaluated: dict[str, Evaluation | None] = {}
 
     def __enter__(self) -> Objective:
-        """Return the objective itself."""
+        """Heed signals to end; return the objective itself."""
+        self._received = self._stack.enter_context(signals_to_end(at_once=True))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -195,7 +197,13 @@ class Objective:
         return Evaluation(np.concatenate(residuals), jacobian, tuple(curves), tuple(comparisons))
 
     def attempt(self, values: Mapping[str, float], scale: float) -> Evaluation | None:
-        """Return the same, and None where a run failed; a new trial is noted."""
+        """Return the same, and None where a run failed; a new trial is noted.
+
+        Raises:
+            KeyboardInterrupt: This process was told to end.
+        """
+        if self._received:
+            raise KeyboardInterrupt
         key = f"{scale} " + " ".join(f"{value:.12e}" for value in values.values())
         if key not in self._evaluated:
             done, failure = None, ""
