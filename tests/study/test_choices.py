@@ -113,7 +113,7 @@ def test_runs_that_are_told_of_a_file_use_it(
     ("name", "program", "most", "accuracy", "is_repeated"),
     [
         ("elastic-1x3", "{type: ramp, to: 80 mm, steps: 40}", 2, "5 %", False),
-        ("bias-1x3", "{type: ramp, to: 100 mm, steps: 40, velocity: 0.5 m/s}", 4, "2 %", True),
+        ("bias-1x3", "{type: ramp, to: 100 mm, steps: 40, velocity: 0.1 m/s}", 3, "2 %", True),
     ],
 )
 def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_if_steps_have_an_error(

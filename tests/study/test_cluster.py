@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -85,7 +86,7 @@ def swept(folder: Path, cluster: Cluster, kill: subprocess.Popen[bytes] | None =
 @pytest.mark.parametrize("shared", [True, False])
 def test_all_members_complete_though_a_worker_is_killed(
     shared: bool, tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]],
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture,
 ) -> None:  # fmt: skip
     @contextmanager
     def nowhere(folder: Path) -> Iterator[tuple[Path, str]]:
@@ -97,6 +98,9 @@ def test_all_members_complete_though_a_worker_is_killed(
     address, workers = dask
     there = swept(tmp_path, Cluster(address), kill=workers[0])
     assert workers[0].poll() is not None and workers[1].poll() is None
+    assert re.search(
+        "worker at tcp.* was lost; runs that go on with another one: [12]", caplog.text
+    )
     here = swept(tmp_path, Cluster())
     assert [run.state for run in there] == ["finished"] * 3, [run.problem for run in there]
     for one, other in zip(there, here, strict=True):

@@ -13,6 +13,7 @@ from wovenfab.cli.console import (
     FAILED_STEP,
     INTERRUPTED,
     Console,
+    configure_log,
     duration,
     is_first_rank,
     is_launched,
@@ -194,6 +195,7 @@ def run_sweep(
     members = members_of(cases, variations, overrides)
     directory = output or Path("results") / f"{paths[0].stem}-sweep"
     console = Console()
+    configure_log(0, None, console.log, first_rank=True)
     try:
         runs = run_members(members, directory, cluster, console)
     except KeyboardInterrupt:
@@ -279,6 +281,7 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
     from wovenfab.study.fit.knowledge import models_compared
     from wovenfab.study.fit.response import BranchError, TrialError
 
+    configure_log(0, None, console.log, first_rank=True)
     fits = [read_fit(path) for path in paths]
     known = {}
     for fit in fits:

@@ -13,10 +13,11 @@ import json
 import logging
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,6 +36,7 @@ from wovenfab.record.results import (
 )
 from wovenfab.study.runner import Command, Ended, Submit, case_files, goes_on, here, run
 
+logger = logging.getLogger(__name__)
 LOCAL, SLURM = "local", "slurm"
 #: ``Problem.file`` of what is wrong with a cluster.
 OPTION = "--cluster"
@@ -112,7 +114,18 @@ class Cluster:
                 remedy = "Start one with 'dask scheduler', and workers with 'dask worker ADDRESS'."
                 raise refusal(OPTION, f"no scheduler answers at {self.name}", remedy) from error
             with client:
+                client.subscribe_topic("all", partial(_warn_of_lost_worker, client))
                 yield client
+
+
+def _warn_of_lost_worker(client: Any, event: tuple[float, Mapping[str, Any]]) -> None:
+    """Say which worker was lost with tasks of a client, by an event of the scheduler."""
+    message = event[1]
+    if message.get("action") == "remove-worker":
+        ours = len(set(message["processing-tasks"]) & set(client.futures))
+        if ours:
+            text = "the worker at %s was lost; runs that go on with another one: %d"
+            logger.warning(text, message["worker"], ours)
 
 
 @contextmanager
