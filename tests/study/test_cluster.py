@@ -21,21 +21,24 @@ from tests.study.test_fit import place
 from tests.study.test_study_sweep import CASE, processes
 from wovenfab.case import CaseError
 from wovenfab.record.history import read_history
+from wovenfab.record.results import FINISHED, outcome_of
 from wovenfab.record.summary import read_summary
 from wovenfab.study import cluster as module
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import read_fit
 from wovenfab.study.fit.objective import Objective
-from wovenfab.study.sweep import Run, Sweep, members_of, sweep
+from wovenfab.study.sweep import TABLE, Run, Sweep, members_of, sweep
 from wovenfab.study.variations import grid, read_over
 
 #: A checkpoint often, so that one is there at the kill.
 LONG = CASE.replace("pictures: false", "pictures: false, checkpoint: 4")
 STEPS = "program.steps=200,201,202"
+type Process = subprocess.Popen[bytes]
+type Dask = tuple[str, list[Process], Process]
 
 
 @contextmanager
-def process(folder: Path, *arguments: object) -> Iterator[subprocess.Popen[bytes]]:
+def process(folder: Path, *arguments: object) -> Iterator[Process]:
     """Yield a part of a cluster with a folder for its files; nothing of it is left at the end."""
     folder.mkdir()
     root = Path(__file__).parents[2]
@@ -51,12 +54,12 @@ def process(folder: Path, *arguments: object) -> Iterator[subprocess.Popen[bytes
 
 
 @pytest.fixture
-def dask(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
-    """Return the address of a scheduler, and two workers of one thread each."""
+def dask(tmp_path: Path) -> Iterator[Dask]:
+    """Return the address of a scheduler, two workers of one thread each, and the scheduler."""
     file = tmp_path / "scheduler.json"
     with ExitStack() as stack:
         listen = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
-        stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *listen))
+        scheduler = stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *listen))
         until = time.monotonic() + 60
         while not file.exists() and time.monotonic() < until:
             time.sleep(0.1)
@@ -66,10 +69,10 @@ def dask(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
             stack.enter_context(process(tmp_path / name, "dask_worker", *options))
             for name in ("worker-a", "worker-b")
         ]
-        yield address, workers
+        yield address, workers, scheduler
 
 
-def swept(folder: Path, cluster: Cluster, kill: subprocess.Popen[bytes] | None = None) -> list[Run]:
+def swept(folder: Path, cluster: Cluster, kill: Process | None = None) -> list[Run]:
     """Return the runs of a sweep; a worker is killed once two runs have made many steps."""
     (folder / "case.yaml").write_text(LONG)
     members = members_of([folder / "case.yaml"], grid([read_over(STEPS)]))
@@ -85,7 +88,7 @@ def swept(folder: Path, cluster: Cluster, kill: subprocess.Popen[bytes] | None =
 
 @pytest.mark.parametrize("shared", [True, False])
 def test_all_members_complete_though_a_worker_is_killed(
-    shared: bool, tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]],
+    shared: bool, tmp_path: Path, dask: Dask,
     monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture,
 ) -> None:  # fmt: skip
     @contextmanager
@@ -95,7 +98,7 @@ def test_all_members_complete_though_a_worker_is_killed(
 
     if not shared:
         monkeypatch.setattr(module, "_mark", nowhere)
-    address, workers = dask
+    address, workers, _ = dask
     there = swept(tmp_path, Cluster(address), kill=workers[0])
     assert workers[0].poll() is not None and workers[1].poll() is None
     assert re.search(
@@ -114,9 +117,7 @@ def test_all_members_complete_though_a_worker_is_killed(
     assert max(len(read_summary(run.directory)["parts"]) for run in there) == 2
 
 
-def test_nothing_goes_on_when_the_command_is_killed(
-    tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]]
-) -> None:
+def test_nothing_goes_on_when_the_command_is_killed(tmp_path: Path, dask: Dask) -> None:
     (tmp_path / "case.yaml").write_text(LONG)
     arguments = ("case.yaml", "-o", "out", "--over", "program.steps=2000,2001")
     for options in (("--cluster", dask[0]), ("-j", "2")):
@@ -135,9 +136,34 @@ def test_nothing_goes_on_when_the_command_is_killed(
         shutil.rmtree(tmp_path / "out")
 
 
-def test_a_fit_is_the_same_on_a_cluster_and_on_several_ranks(
-    tmp_path: Path, dask: tuple[str, list[subprocess.Popen[bytes]]]
-) -> None:
+def test_a_scheduler_that_ends_is_told_and_what_is_done_stays(tmp_path: Path, dask: Dask) -> None:
+    (tmp_path / "case.yaml").write_text(LONG)
+    command = [sys.executable, "-m", "wovenfab", "sweep", "case.yaml", "-o", "out"]
+    command += ["--over", "program.steps=20,2000"]
+    with subprocess.Popen(
+        [*command, "--cluster", dask[0]], cwd=tmp_path, stderr=subprocess.PIPE, text=True
+    ) as running:
+        until = time.monotonic() + 120
+        while time.monotonic() < until and "finished" not in table_in(tmp_path):
+            time.sleep(0.1)
+        dask[2].kill()
+        _, errors = running.communicate(timeout=60)
+    assert running.returncode == 2
+    assert f"the scheduler of {dask[0]} has ended. Start one again and repeat" in errors
+    assert "Traceback" not in errors
+    while time.monotonic() < until and processes(tmp_path):
+        time.sleep(0.1)
+    assert processes(tmp_path) == []
+    assert outcome_of(tmp_path / "out" / "steps=20") == FINISHED
+
+
+def table_in(folder: Path) -> str:
+    """Return the table of a sweep, or nothing as long as there is none."""
+    table = folder / "out" / TABLE
+    return table.read_text() if table.exists() else ""
+
+
+def test_a_fit_is_the_same_on_a_cluster_and_on_several_ranks(tmp_path: Path, dask: Dask) -> None:
     fit = read_fit(place(tmp_path))
     values = {u.name: u.start for u in fit.unknowns}
     found = []

@@ -40,6 +40,8 @@ logger = logging.getLogger(__name__)
 LOCAL, SLURM = "local", "slurm"
 #: ``Problem.file`` of what is wrong with a cluster.
 OPTION = "--cluster"
+#: Loggers that Dask gives levels of their own, and asyncio's: what matters is told here.
+_QUIET = "distributed", "distributed.client", "tornado.application", "asyncio"
 #: Seconds in which a scheduler must answer.
 _ANSWER = 10
 #: Most jobs of Slurm, and memory of a rank (GiB), unless the user says something else.
@@ -104,7 +106,8 @@ class Cluster:
             raise refusal(OPTION, "the workers decide how many runs go side by side", remedy)
         from distributed import Client
 
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is told here
+        for name in _QUIET:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         with (
             _slurm(self.jobs or _JOBS, self.ranks) if self.name == SLURM else _only(self.name) as at
         ):
