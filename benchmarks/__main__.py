@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 from benchmarks.accuracy_cost import accuracy_cost
 from benchmarks.assembly import assembly
+from benchmarks.busy import busy
 from benchmarks.checkpoints import checkpoints
 from benchmarks.cold_start import cold_start
 from benchmarks.default import default
@@ -28,6 +29,7 @@ SECTIONS: Mapping[str, Section] = {
     "step": step_cost,
     "textbook": textbook,
     "growth": growth,
+    "busy": busy,
 }
 
 
