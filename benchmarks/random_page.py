@@ -15,6 +15,7 @@ from benchmarks.random_scenes import (
     ACCURACY,
     COUNT,
     FINER_ACCURACY,
+    IN_ALL,
     RANKS,
     RESULTS,
     ROOT,
@@ -186,6 +187,7 @@ def main() -> None:
         "## What makes it hard\n\nUnknowns that 1 % took, in the middle of each quarter of the "
         "rectangles in the order of a length over the width (in brackets):\n\n"
         f"{what_is_hard(rows, cases)}\n\n## All scenes\n\n"
+        f"All have {IN_ALL.rstrip(', ')}.\n\n"
     )
     text = f"{head}{sentences(rows, kinds)}\n\n{words} {also} {version}\n\n{hard}{table(rows)}\n"
     PAGE.write_text(text, encoding="utf-8")
