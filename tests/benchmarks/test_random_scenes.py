@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.random_scenes import ACCURACY, Row, finer_case, scene, table
@@ -47,5 +48,6 @@ def test_rows_tell_reached_accuracy_from_honesty() -> None:
     words = table([good, slow, liar, wrong, unknown])
     assert good.is_good and good.is_honest and not slow.is_good and not liar.is_honest
     assert not wrong.is_good and unknown.is_good
+    assert replace(unknown, stated=np.nextafter(ACCURACY, 1)).is_good  # by rounding alone
     assert "3 of 5 within 1 % and 60 s" in words
     assert "stated one: 3, 4 of 4 with a reference." in words

@@ -47,6 +47,19 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+def test_ranks_share_different_kernels_by_their_work() -> None:
+    """Equal kernels are compiled once: FFCx makes the second rank wait in steps of a second."""
+    mesh = create_unit_square(MPI.COMM_SELF, 2, 2)
+    space = fem.functionspace(mesh, ("Lagrange", 1))
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    fields = [fem.Function(space) for _ in "12"]
+    line = [u("+") * v("-") * f("+") * ufl.dS for f in fields]
+    inside, load, area = u * v * ufl.dx, v * ufl.dx, fields[0] * ufl.dx
+    first, second = assembly._shares([load, inside, *line, area], 2)
+    assert first == [line[1]]
+    assert second == [inside, load, area]
+
+
 @pytest.mark.mpi
 def test_kernels_that_a_killed_process_left_are_compiled_anew(cache: Path) -> None:
     assert area() == pytest.approx(1.0)

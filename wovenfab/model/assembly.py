@@ -216,13 +216,14 @@ def _remove_unfinished(folder: Path, lock: TextIO, alone: int) -> None:
 def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
     """Put kernels into the cache, each rank its share; collective.
 
-    The ranks that have less to do wait asleep: MPI's own waiting would keep a processor busy
-    that the compiler of another rank could use.
+    No two ranks compile the same kernel: FFCx would let one wait for the other in steps of a
+    second. The ranks that have less to do wait asleep: MPI's own waiting would keep a processor
+    busy that the compiler of another rank could use.
     """
     problem = None
     options = {"scalar_type": default_scalar_type}
     try:
-        for symbol in symbols[comm.rank :: comm.size]:
+        for symbol in _shares(symbols, comm.size)[comm.rank]:
             _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, options, jit_options()))
     except Exception as error:
         problem = error
@@ -230,11 +231,36 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
     agree(comm, problem)
 
 
+#: About how much longer a kernel takes to compile with one and with two arguments than with none,
+#: and one of interior facets than one of cells.
+ARGUMENTS, BOTH_SIDES = (1, 2, 8), 2
+
+
+def _shares(symbols: Sequence[Any], count: int) -> list[list[Any]]:
+    """Return forms and expressions with different kernels in shares of about equal work."""
+    shares: list[list[Any]] = [[] for _ in range(count)]
+    loads = [0] * count
+    known = {s.signature() if isinstance(s, ufl.Form) else id(s): s for s in symbols}
+    for symbol in sorted(known.values(), key=_work, reverse=True):
+        least = loads.index(min(loads))
+        shares[least].append(symbol)
+        loads[least] += _work(symbol)
+    return shares
+
+
+def _work(symbol: Any) -> int:
+    """Return about how long a form or an expression takes to compile, in a unit of its own."""
+    if not isinstance(symbol, ufl.Form):
+        return 1
+    sides = [BOTH_SIDES if i.integral_type() == "interior_facet" else 1 for i in symbol.integrals()]
+    return ARGUMENTS[len(symbol.arguments())] * sum(sides)
+
+
 def compile_forms(forms: Sequence[Any], comm: MPI.Comm) -> list[fem.Form]:
     """Return the compiled forms; collective.
 
     Args:
-        forms: Most expensive first.
+        forms: The forms.
         comm: Communicator of their mesh.
     """
     if comm.size > 1:
@@ -261,7 +287,18 @@ def _wait_asleep(comm: MPI.Comm) -> None:
 
 def compile_expression(expression: Any, points: NDArray[np.float64]) -> fem.Expression:
     """Return a compiled expression at reference ``points``, shape (n, 2); collective."""
-    comm = extract_unique_domain(expression).ufl_cargo().comm
+    return compile_expressions([expression], points)[0]
+
+
+def compile_expressions(
+    expressions: Sequence[Any], points: NDArray[np.float64]
+) -> list[fem.Expression]:
+    """Return compiled expressions at reference ``points``, shape (n, 2); collective."""
+    comm = extract_unique_domain(expressions[0]).ufl_cargo().comm
     if comm.size > 1:
-        _precompile([(expression, points)], comm)
-    return _compiled(partial(fem.Expression, expression, points, jit_options=jit_options()))
+        _precompile([(expression, points) for expression in expressions], comm)
+    options = jit_options()
+    return [
+        _compiled(partial(fem.Expression, expression, points, jit_options=options))
+        for expression in expressions
+    ]

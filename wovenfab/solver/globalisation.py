@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from forms.kinematics import point_of, point_variation
-from wovenfab.model.assembly import compile_expression
+from wovenfab.model.assembly import compile_expressions
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import Model, preserved
 from wovenfab.solver.problem import Problem
@@ -85,10 +85,9 @@ class CrossingLimit:
         self.direction = fem.Function(model.space)
         self.points = quadrature_points(model.balance.quadrature, model.balance.second_gradient)
         self._cells = np.arange(mesh.topology.index_map(2).size_local, dtype=np.int32)
-        self._state = compile_expression(_flat(point_of(model.field, fibres, False).f), self.points)
-        self._change = compile_expression(
-            _flat(point_variation(self.direction, fibres, False)[:2]), self.points
-        )
+        state = point_of(model.field, fibres, False).f
+        change = point_variation(self.direction, fibres, False)[:2]
+        self._state, self._change = compile_expressions([_flat(state), _flat(change)], self.points)
 
     def derivatives(self, direction: Array) -> tuple[Array, Array]:
         """Return f_1, f_2 and their changes along a direction at all own points, (n, 2, 2).

@@ -26,7 +26,7 @@ from ufl.algorithms import expand_derivatives
 from ufl.constantvalue import Zero
 
 from forms.friction import PointFriction
-from wovenfab.model.assembly import compile_expression
+from wovenfab.model.assembly import compile_expression, compile_expressions
 from wovenfab.model.memory import PointValues
 
 Array = NDArray[np.float64]
@@ -193,15 +193,13 @@ class _PointRule:
         self.friction = friction
         points, weights = basix.make_quadrature(basix.CellType.triangle, friction.degree)
         self._rule = points
-        self._increment = compile_expression(friction.increment(), points)
-        self._change = compile_expression(friction.change(direction), points)
-        creep = friction.creep()
-        self._creep = None if creep is None else compile_expression(creep, points)
         given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
-        self._given, self.varies = (
-            compile_expression(given, points),
-            bool(friction.term.effect.memory),
+        symbols, creep = [friction.increment(), friction.change(direction), given], friction.creep()
+        self._increment, self._change, self._given, *more = compile_expressions(
+            symbols if creep is None else [*symbols, creep], points
         )
+        self._creep = more[0] if more else None
+        self.varies = bool(friction.term.effect.memory)
         area, _ = self.at(self._given).reshape(-1, 2).T
         self.area = np.repeat(area * np.tile(weights, own), self._size)
 

@@ -45,7 +45,7 @@ FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
 NOTHING = 1e-6
 #: Energy by which the law may be missed, in units of the tolerance: over the dissipated energy,
 #: or where that is small over the energy of the sheet.
-OF_LOSS, OF_ENERGY = 10.0, 0.1
+OF_LOSS, OF_ENERGY = 100.0, 0.1
 HUGE = 1e30
 #: Stiffness of a point that sticks, over that of the sheet, where the law is linearised.
 STUCK = 1e7
