@@ -14,7 +14,9 @@ from pathlib import Path
 
 from benchmarks.figure import Figure
 
-CASE = Path(__file__).parents[1] / "configs" / "bias-1x3.yaml"
+type Process = subprocess.Popen[bytes]
+ROOT = Path(__file__).parents[1]
+CASE = ROOT / "configs" / "bias-1x3.yaml"
 MEMBERS = 40
 #: Seconds in which a scheduler starts, and a sweep ends.
 START, END = 60.0, 3600.0
@@ -27,7 +29,7 @@ def busy() -> list[Figure]:
     """
     workers = len(os.sched_getaffinity(0))
     slopes = ", ".join(f"{60 + i / 2:g}" for i in range(MEMBERS))
-    with tempfile.TemporaryDirectory() as name, _cluster(Path(name), workers) as address:
+    with tempfile.TemporaryDirectory() as name, dask_cluster(Path(name), workers) as (address, *_):
         before, start = _working(), time.monotonic()
         subprocess.run(
             [sys.executable, "-m", "wovenfab", "sweep", str(CASE), "-o", f"{name}/out",
@@ -49,27 +51,33 @@ def busy() -> list[Figure]:
 
 
 @contextmanager
-def _cluster(folder: Path, workers: int) -> Iterator[str]:
-    """Yield the address of a scheduler with workers of one thread each."""
-    file = folder / "scheduler.json"
+def dask_cluster(folder: Path, workers: int) -> Iterator[tuple[str, list[Process], Process]]:
+    """Yield the address of a scheduler, its workers of one thread each, and the scheduler.
 
-    def started(command: str, *arguments: str) -> subprocess.Popen[bytes]:
-        """Return a process of Dask."""
-        words = [sys.executable, "-m", f"distributed.cli.{command}", *arguments, "--no-dashboard"]
-        quiet = subprocess.DEVNULL
-        return subprocess.Popen(words, cwd=folder, stdout=quiet, stderr=quiet)
-
+    Each has a folder of its own in ``folder``; nothing of them is left at the end.
+    """
+    file, until = folder / "scheduler.json", time.monotonic() + START
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     with ExitStack() as stack:
-        commands = [("dask_scheduler", "--host", "127.0.0.1", "--port", "0")]
-        commands += [("dask_worker", "--nthreads", "1", "--no-nanny")] * workers
-        for command, *arguments in commands:
-            running = started(command, *arguments, "--scheduler-file", str(file))
+
+        def started(name: str, command: str, *options: str) -> Process:
+            own = folder / name
+            own.mkdir()
+            words = [sys.executable, "-m", f"distributed.cli.{command}", "--no-dashboard"]
+            environment = {**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(own)}
+            running = subprocess.Popen([*words, *options], cwd=own, env=environment, **quiet)
             stack.enter_context(running)
             stack.callback(running.kill)
-            until = time.monotonic() + START
-            while not file.exists() and time.monotonic() < until:
-                time.sleep(0.1)
-        yield str(json.loads(file.read_text(encoding="utf-8"))["address"])
+            return running
+
+        listen = ("--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(file))
+        scheduler = started("scheduler", "dask_scheduler", *listen)
+        while not file.exists() and time.monotonic() < until:
+            time.sleep(0.1)
+        address = str(json.loads(file.read_text(encoding="utf-8"))["address"])
+        options = (address, "--nthreads", "1", "--no-nanny")
+        names = [f"worker-{number}" for number in range(workers)]
+        yield address, [started(name, "dask_worker", *options) for name in names], scheduler
 
 
 def _working() -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
 import re
 import shutil
 import signal
@@ -11,12 +9,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from benchmarks.busy import Process, dask_cluster
 from tests.study.test_fit import place
 from tests.study.test_study_sweep import CASE, processes
 from wovenfab.case import CaseError
@@ -33,43 +32,14 @@ from wovenfab.study.variations import grid, read_over
 #: A checkpoint often, so that one is there at the kill.
 LONG = CASE.replace("pictures: false", "pictures: false, checkpoint: 4")
 STEPS = "program.steps=200,201,202"
-type Process = subprocess.Popen[bytes]
 type Dask = tuple[str, list[Process], Process]
-
-
-@contextmanager
-def process(folder: Path, *arguments: object) -> Iterator[Process]:
-    """Yield a part of a cluster with a folder for its files; nothing of it is left at the end."""
-    folder.mkdir()
-    root = Path(__file__).parents[2]
-    with subprocess.Popen(
-        [sys.executable, "-m", "distributed.cli." + str(arguments[0]), *map(str, arguments[1:])],
-        env={**os.environ, "PYTHONPATH": str(root), "TMPDIR": str(folder)}, cwd=folder,
-        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-    ) as running:  # fmt: skip
-        try:
-            yield running
-        finally:
-            running.kill()
 
 
 @pytest.fixture
 def dask(tmp_path: Path) -> Iterator[Dask]:
     """Return the address of a scheduler, two workers of one thread each, and the scheduler."""
-    file = tmp_path / "scheduler.json"
-    with ExitStack() as stack:
-        listen = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file)
-        scheduler = stack.enter_context(process(tmp_path / "scheduler", "dask_scheduler", *listen))
-        until = time.monotonic() + 60
-        while not file.exists() and time.monotonic() < until:
-            time.sleep(0.1)
-        address = json.loads(file.read_text())["address"]
-        options = (address, "--nthreads", 1, "--no-nanny", "--no-dashboard")
-        workers = [
-            stack.enter_context(process(tmp_path / name, "dask_worker", *options))
-            for name in ("worker-a", "worker-b")
-        ]
-        yield address, workers, scheduler
+    with dask_cluster(tmp_path, 2) as cluster:
+        yield cluster
 
 
 def swept(folder: Path, cluster: Cluster, kill: Process | None = None) -> list[Run]:

@@ -125,7 +125,7 @@ def _warn_of_lost_worker(client: Any, event: tuple[float, Mapping[str, Any]]) ->
     """Say which worker was lost with tasks of a client, by an event of the scheduler."""
     message = event[1]
     if message.get("action") == "remove-worker":
-        ours = len(set(message["processing-tasks"]) & set(client.futures))
+        ours = len(set(message.get("processing-tasks", ())) & set(client.futures))
         if ours:
             text = "the worker at %s was lost; runs that go on with another one: %d"
             logger.warning(text, message["worker"], ours)
