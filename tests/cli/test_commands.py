@@ -240,6 +240,17 @@ def test_check_says_what_would_be_built_and_writes_nothing(
     assert not list(tmp_path.iterdir())
 
 
+def test_check_refuses_a_mesh_that_is_too_large_by_its_head(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "sheet.msh").write_text(
+        "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n9 900000000 1 900000000\n"
+    )
+    sheet = f"sheet={{file: {tmp_path / 'sheet.msh'}, fibres: [45 deg, -45 deg]}}"
+    asked = "--set", sheet, "--set", "discretisation.mesh_size=null"
+    ended = wovenfab("check", folder / "small.yaml", *asked, cwd=tmp_path)
+    assert ended.returncode == 2
+    assert "about 7.2e+09 unknowns need about" in ended.stderr
+
+
 def test_check_says_what_an_effect_would_bring_and_which_does_nothing(folder: Path) -> None:
     told = wovenfab(
         "check", "small.yaml", "--set", "effects.spin_friction.strength=0", cwd=folder

@@ -13,7 +13,7 @@ from tests import scenes
 from tests.outlines import LENGTHS, assert_edges, edge_lengths
 from wovenfab.compat import corners_of
 from wovenfab.sheet.geometry_file import GeometryFile, from_file
-from wovenfab.sheet.gmsh_io import graded_rectangle
+from wovenfab.sheet.gmsh_io import graded_rectangle, stated_points
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"
@@ -60,6 +60,38 @@ def test_a_msh_file_gives_the_mesh_that_it_holds(tmp_path: Path) -> None:
     on = shipped(tmp_path / "sheet.msh")
     assert on.mesh.topology.index_map(2).size_global == triangles
     assert edge_lengths(on) == pytest.approx(LENGTHS, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("version", "binary"), [(2.2, False), (4.0, False), (4.1, False), (4.1, True)]
+)
+def test_the_head_of_a_mesh_in_text_tells_its_points(
+    version: float, binary: bool, tmp_path: Path
+) -> None:
+    import gmsh
+
+    gmsh.initialize(interruptible=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.open(str(MESHES / "rectangle.geo"))
+    gmsh.model.mesh.generate(2)
+    points = len(gmsh.model.mesh.getNodes()[0])
+    gmsh.option.setNumber("Mesh.MshFileVersion", version)
+    gmsh.option.setNumber("Mesh.Binary", binary)
+    gmsh.write(str(tmp_path / "sheet.msh"))
+    gmsh.finalize()
+    assert stated_points(tmp_path / "sheet.msh") == (0 if binary else points)
+
+
+def test_what_begins_as_a_mesh_runs_no_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = 'SystemCall "touch ran";\n'
+    head = f"$MeshFormat\n4.1 0 8\n$EndMeshFormat\n{program}$Nodes\n{program}"
+    (tmp_path / "sheet.msh").write_text(head)
+    with pytest.raises(GeometryError, match="gmsh cannot mesh"):
+        from_file(MPI.COMM_WORLD, GeometryFile(tmp_path / "sheet.msh"), None)
+    assert not (tmp_path / "ran").exists()
 
 
 def sizes(on: Sheet) -> tuple[np.ndarray, np.ndarray]:

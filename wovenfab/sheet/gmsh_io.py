@@ -101,14 +101,15 @@ def require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
     """Refuse a file, or one that it reads, with statements that do more than describe a sheet.
 
     gmsh runs programs for a geometry, for a mesh file that is none, and for the options that
-    stand beside either in a file of the same name and ``.opt``.
+    stand beside either in a file of the same name and ``.opt``. A file that begins as a mesh has
+    no statements.
 
     Raises:
         GeometryError: With the line and the statement.
     """
     if path in seen or not path.is_file():
         return  # gmsh says that it is missing
-    text = path.read_text(encoding="latin-1")
+    text = "" if _begins_as_mesh(path) else path.read_text(encoding="latin-1")
     bare = COMMENTS.sub(lambda m: _blank(m.group()), text)
     found = PROGRAMS.search(text) or ACTIONS.search(bare)
     if not found and len(READING.findall(bare)) > len(NAMED.findall(text)):
@@ -122,6 +123,23 @@ def require_harmless(path: Path, seen: tuple[Path, ...] = ()) -> None:
     others = [path.parent / name for name in NAMED.findall(text)]
     for other in (*others, options_of(path)):
         require_harmless(other, (*seen, path))
+
+
+def _begins_as_mesh(path: Path) -> bool:
+    with path.open("rb") as lines:
+        return lines.readline(80).strip() == b"$MeshFormat"
+
+
+def stated_points(path: Path) -> int:
+    """Return how many points a mesh in text says it has, or 0 if its head does not tell."""
+    if not (path.is_file() and _begins_as_mesh(path)):
+        return 0
+    with path.open(encoding="latin-1") as lines:
+        for line in lines:
+            if line.strip() == "$Nodes":
+                numbers = next(lines, "").split()[:2]  # blocks, points; one number in version 2
+                return int(numbers[-1]) if numbers and numbers[-1].isdecimal() else 0
+    return 0
 
 
 def _blank(text: str) -> str:

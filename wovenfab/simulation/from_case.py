@@ -33,7 +33,7 @@ from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.parallel import agree
+from wovenfab.parallel import agree, from_root
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
 from wovenfab.sheet.sheet import (
     GeometryError,
@@ -139,7 +139,7 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
 def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
     """Return about how many unknowns there would be, without a mesh of that size; collective.
 
-    A mesh that is in a file counts as none: it is read as it is.
+    Of a mesh in a file only the head is read; one that does not say its size there counts as none.
 
     Raises:
         CaseError: As from :func:`sheet_of`.
@@ -147,9 +147,13 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
     require_possible(case, comm)
     size = case.discretisation.mesh_size
     if isinstance(case.sheet, Rectangle):
-        area = case.sheet.length * case.sheet.width
+        assert size is not None  # a case that has been read has one
+        points = 2 * case.sheet.length * case.sheet.width / size**2
     elif case.sheet.file.suffix.lower() == ".msh":
-        return 0
+        from wovenfab.sheet.gmsh_io import stated_points
+
+        path = case.sheet.file
+        points = comm.bcast(from_root(comm, lambda: stated_points(path), 0))
     else:
         from wovenfab.sheet.geometry_file import outline_from_file
 
@@ -158,10 +162,8 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         except GeometryError as error:
             raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
-        area = outline.polygon.area
-    assert size is not None
-    nodes = 4 * area / size**2 * case.discretisation.degree**2 / 2
-    return round(2 * nodes * case.needs.placements)
+        points = 2 * outline.polygon.area / size**2
+    return round(2 * points * case.discretisation.degree**2 * case.needs.placements)
 
 
 def require_edges(case: Case, known: Collection[str]) -> None:
