@@ -39,7 +39,7 @@ WANTED, LIMIT, REFERENCE_LIMIT = 60.0, 300.0, 900.0
 MORE = 0.1
 #: Size of the reference's cells over that of the run, with a degree more and with a degree less,
 #: which it has where the run has the largest.
-FINER, FINER_BY_FAR, LARGEST_DEGREE = 0.6, 0.4, 4
+FINER, FINER_BY_FAR, LARGEST_DEGREE = 0.6, 0.4, 5
 #: Effects that all scenes have.
 IN_ALL = "stretch, shear, bending, "
 FIGURES = ("peak_force_N", "dissipated_J")

@@ -5,7 +5,7 @@ import pytest
 
 from wovenfab.sheet.lattice import Lattice
 
-DEGREES = [1, 2, 3, 4]
+DEGREES = [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize("degree", DEGREES)

@@ -107,7 +107,7 @@ def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
     assert main_field(stub, 0) == told
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3, 4])
+@pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
 def test_the_cells_are_those_of_the_mesh(degree: int, tmp_path: Path) -> None:
     cells, lattice = mesh(0.15), Lattice(degree)
     points, numbers = on_lattices(lattice, cells), np.arange(len(cells))

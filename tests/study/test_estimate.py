@@ -27,6 +27,7 @@ from wovenfab.study.target_accuracy.estimate import (
     DegreeRefinement,
     Estimate,
     StepRefinement,
+    error_of_degree,
     error_of_degrees,
     error_of_steps,
     error_shares,
@@ -73,6 +74,22 @@ def test_the_limit_of_a_sequence_of_degrees(rate: float) -> None:
     errors = error_of_degrees((2, 3, 4), values)
     true = [v - 10 for v in values]
     assert errors == pytest.approx(true, rel=1e-6 if rate >= 1 else 0.5)
+
+
+@pytest.mark.parametrize(
+    ("values", "least"),
+    [
+        pytest.param([10 + 4 * p**-2.0 for p in (2, 3, 4)], 4 / 4**2, id="slow: the trend's"),
+        pytest.param([10.5, 10.01, 10.0], 0.005, id="fast: half of the last change"),
+        pytest.param([10.0, 10.01, 10.0], 0.01, id="no trend: all of the last change"),
+    ],
+)
+def test_the_highest_degree_is_believed_no_more_than_its_change(
+    values: list[float], least: float
+) -> None:
+    assert error_of_degree((2, 3, 4), values, 4) == pytest.approx(least, rel=1e-6)
+    middle = error_of_degrees((2, 3, 4), values)[1]
+    assert error_of_degree((2, 3, 4), values, 3) == middle
 
 
 def test_the_limit_of_steps_of_second_order() -> None:

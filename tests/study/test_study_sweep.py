@@ -105,7 +105,7 @@ def test_nothing_is_run_if_one_member_is_not_valid(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(CASE)
     ended = sweep(tmp_path, "--over", "discretisation.degree=2,7")
     assert ended.returncode == 2
-    assert ended.stderr.startswith("wovenfab: --over discretisation.degree: must be at most 4")
+    assert ended.stderr.startswith("wovenfab: --over discretisation.degree: must be at most 5")
     assert [p.name for p in tmp_path.iterdir()] == ["case.yaml"]
 
 

@@ -160,7 +160,7 @@ Mesh = Literal["fibres", "crossed", "right", "unstructured"]
 class Discretisation(Section):
     """Elements in space."""
 
-    degree: Annotated[int, Count(least=1, most=4)] = 3
+    degree: Annotated[int, Count(least=1, most=5)] = 3
     """Degree of the elements: 2 to 4; 1 only where no effect needs second derivatives."""
 
     mesh_size: Size | None = Field(default=None, examples=["50 mm"])

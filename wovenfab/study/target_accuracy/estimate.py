@@ -44,6 +44,8 @@ Array = NDArray[np.float64]
 #: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/4 at least: where a
 #: clamped side of a cut meets its free one.
 SLOWEST, FASTEST = 1.0, 40.0
+#: Error of the highest degree over the last change, at least.
+UNCONFIRMED = 0.5
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
@@ -87,6 +89,24 @@ def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[f
     return first + second + last, second + last, last
 
 
+def error_of_degree(degrees: Sequence[int], values: Sequence[float], degree: int) -> float:
+    """Return the signed error of the value from one of three degrees, on the safe side.
+
+    No higher degree confirms the highest one: its error is at least half of the last change, and
+    all of that if there is no trend.
+
+    Args:
+        degrees: Three degrees, one after another.
+        values: The values.
+        degree: The degree of the value, the middle or the highest one.
+    """
+    error = error_of_degrees(degrees, values)[degrees.index(degree)]
+    if degree < max(degrees):
+        return error
+    first, second = values[0] - values[1], values[1] - values[2]
+    return max(error, second * UNCONFIRMED if first * second > 0 else second, key=abs)
+
+
 def error_of_steps(
     steps: tuple[int, int], values: tuple[float, float], order: int
 ) -> tuple[float, float]:
@@ -116,11 +136,10 @@ class DegreeRefinement:
 
     def errors(self, degree: int) -> dict[str, float]:
         """Return the signed error of each figure over it, with elements of one of the degrees."""
-        place = self.degrees.index(degree)
         figures = [r.figures for r in self.responses]
         return {
-            name: error_of_degrees(self.degrees, [f[name] for f in figures])[place] / value
-            for name, value in figures[place].items()
+            name: error_of_degree(self.degrees, [f[name] for f in figures], degree) / value
+            for name, value in figures[self.degrees.index(degree)].items()
             if value
         }
 
@@ -200,21 +219,23 @@ class Estimate:
 
     @property
     def models(self) -> tuple[Model, Model]:
-        """The models of the case's degree and of the next higher one, with their fields."""
-        place = self.refinement.degrees.index(self.degree)
+        """Two models by whose difference the error is seen, with their fields.
+
+        They are those of the case's degree and of the next higher one, or else of the highest two.
+        """
         responses = self.refinement.responses
-        return responses[place].model, responses[min(place + 1, len(responses) - 1)].model
+        place = min(self.refinement.degrees.index(self.degree), len(responses) - 2)
+        return responses[place].model, responses[place + 1].model
 
     def history(self) -> dict[str, Array]:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
         degrees, responses = self.refinement.degrees, self.refinement.responses
-        place = degrees.index(self.degree)
-        own = responses[place]
+        own = responses[degrees.index(self.degree)]
         columns = {"time_s": own.times, "displacement_m": own.displacements}
         names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J")}
         for what, (name, unit) in names.items():
             values = np.array([getattr(r, name) for r in responses]).T
-            errors = [error_of_degrees(degrees, v)[place] for v in values]
+            errors = [error_of_degree(degrees, v, self.degree) for v in values]
             columns[f"{what}_{unit}"] = getattr(own, name)
             columns[f"{what}_error_of_elements_{unit}"] = np.array(errors)
         return columns

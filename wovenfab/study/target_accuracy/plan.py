@@ -61,9 +61,9 @@ USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 COARSEST = 2
 #: Error of two placements with Coulomb's friction, over the target, from which the mesh is graded:
 #: that takes three to four times as many unknowns, and pays where yarns stick.
-MUCH = 4.0
-#: Degrees that are tried on a mesh, one after another; one lower and one higher give the
-#: errors of each.
+MUCH = 2.0
+#: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
+#: middle and the highest one.
 DEGREES = (2, 3, 4, 5)
 
 Mesher = Callable[[Case], Sheet]
@@ -75,7 +75,7 @@ class Start:
 
     Attributes:
         cells: Number across the sheet's shorter side.
-        degree: Of the elements that are judged first, by one lower and one higher.
+        degree: Of the elements that are judged first.
         steps: Kind of the steps and their number over that of the first trial, if known.
         graded: Whether two placements have a graded mesh.
     """
@@ -217,7 +217,8 @@ class _MeshSearch:
 
     def run(self) -> Plan:
         """Return the elements that are accurate enough, or the best; collective."""
-        cells, lowest, reachable, failure = self.start.cells, self.start.degree - 1, 0.0, ""
+        cells, reachable, failure = self.start.cells, 0.0, ""
+        lowest = max(DEGREES[0], self.start.degree - 2)
         trials: list[Trial] = []
         self.graded = self.start.graded or None
         while True:
@@ -299,9 +300,12 @@ class _MeshSearch:
                 continue
             degrees = (degree - 3, degree - 2, degree - 1)
             refinement = DegreeRefinement(degrees, tuple(responses[-3:]))
-            case = with_elements(trial, degree=degree - 2)
-            error = self._add(case, sheet, Estimate(refinement, degree - 2))
-            if error <= self.target or self._should_grade(error):
+            for judged in degrees[1:]:
+                case = with_elements(trial, degree=judged)
+                error = self._add(case, sheet, Estimate(refinement, judged))
+                if error <= self.target:
+                    return error
+            if self._should_grade(error):
                 break
         return error
 
@@ -348,9 +352,12 @@ class _MeshSearch:
             "trial: mesh size %s m, degree %d: error %.2g of %.2g",
             size, estimate.degree, error, self.target,
         )  # fmt: skip
-        best = self.best
-        if best is None or best.estimate is None or error < best.estimate.worst:
-            self.best = Plan(case, sheet, estimate)
+        best, judged_anew = self.best, False
+        if best is not None and best.estimate is not None:
+            judged_anew = best.case.discretisation == case.discretisation
+            if error > best.estimate.worst and not judged_anew:
+                return error
+        self.best = Plan(case, sheet, estimate)
         return error
 
 
