@@ -61,7 +61,7 @@ USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 COARSEST = 2
 #: Error of two placements with Coulomb's friction, over the target, from which the mesh is graded:
 #: that takes three to four times as many unknowns, and pays where yarns stick.
-MUCH = 2.0
+MUCH = 4.0
 #: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
 #: middle and the highest one.
 DEGREES = (2, 3, 4, 5)
