@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 #: clamped side of a cut meets its free one.
 SLOWEST, FASTEST = 1.0, 40.0
 #: Error of the highest degree over the last change, at least.
-UNCONFIRMED = 0.5
+UNCONFIRMED = 2 / 3
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
@@ -92,8 +92,8 @@ def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[f
 def error_of_degree(degrees: Sequence[int], values: Sequence[float], degree: int) -> float:
     """Return the signed error of the value from one of three degrees, on the safe side.
 
-    No higher degree confirms the highest one: its error is at least half of the last change, and
-    all of that if there is no trend.
+    No higher degree confirms the highest one: its error is at least two thirds of the last
+    change, and all of that if there is no trend.
 
     Args:
         degrees: Three degrees, one after another.
