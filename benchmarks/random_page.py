@@ -173,7 +173,8 @@ def main() -> None:
         f"![Time against stated error](pictures/{PICTURE.name})\n\n"
     )
     more = sum(not r.reason and (r.stated or 1.0) <= ALMOST * FINER_ACCURACY for r in finer)
-    also = f"{100 * FINER_ACCURACY:g} % was reached in {more} of the first {len(finer)} scenes" + (
+    first = "the first " if len(finer) < len(rows) else ""
+    also = f"{100 * FINER_ACCURACY:g} % was reached in {more} of {first}{len(finer)} scenes" + (
         f", in {np.median([r.seconds for r in finer]):.0f} s in the middle." if finer else "."
     )
     share = np.median([row.pilot / row.seconds for row in rows])

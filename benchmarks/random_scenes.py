@@ -31,7 +31,7 @@ CHOOSING = tuple(f"study/target_accuracy/{n}" for n in ("plan", "trials", "time_
 LEADING = ("model/memory", "sheet/aligned", "solver/point_friction")
 SOURCES = [ROOT / "wovenfab" / f"{name}.py" for name in CHOOSING + LEADING]
 RESULTS = Path("results") / "random"
-COUNT, SEED, FINER_COUNT = 100, 1, 10
+COUNT, SEED, FINER_COUNT = 100, 1, 100
 ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2
 #: Seconds in which 1 % is wanted, and after which a run and its reference are ended.
 WANTED, LIMIT, REFERENCE_LIMIT = 60.0, 300.0, 900.0
