@@ -22,6 +22,8 @@ from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
 AFRESH = Start()
+#: Limit as in tests/verification/test_few_unknowns.py, N.
+FORCE = 122.1105
 FOUND = Start(5, 4, ("equal steps", 2.0))
 #: Of a fabric that is two hundred thousand times softer in shear than along its yarns.
 SOFT = (
@@ -60,6 +62,16 @@ def test_a_neighbour_starts_where_the_last_one_ended_and_is_as_accurate() -> Non
     assert not other.shortfall and other.estimate is not None and other.estimate.worst < 1e-3
     assert len(lines) < len(afresh)
     assert other.case.discretisation.degree == one.case.discretisation.degree
+
+
+def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> None:
+    chosen, lines = planned(elastic("accuracy=0.4 %"))
+    assert chosen.case.discretisation.degree == 4
+    assert any(line.startswith("degree 4: error") for line in lines)
+    assert not any("degree 5" in line for line in lines)
+    assert chosen.estimate is not None
+    force = response_of(chosen.case, chosen.sheet).figures["peak_force_N"]
+    assert abs(force / FORCE - 1) < chosen.estimate.worst <= 4e-3
 
 
 def test_what_is_found_by_a_neighbour_is_remembered(tmp_path: Path) -> None:
