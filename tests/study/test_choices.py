@@ -156,7 +156,7 @@ def test_shorter_steps_do_not_start_from_a_guess_that_has_misled_a_longer_one() 
 
 
 def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_there() -> None:
-    chosen, lines = planned(case_of("bias-1x3", "accuracy=10 %", "discretisation=null", *STICKING))
+    chosen, lines = planned(case_of("bias-1x3", "accuracy=8 %", "discretisation=null", *STICKING))
     print(f"\n{chosen.case.discretisation}", *lines, sep="\n")
     assert not chosen.shortfall
     assert chosen.case.discretisation.graded
