@@ -25,17 +25,20 @@ def test_a_scene_depends_on_its_number_and_the_seed_alone(tmp_path: Path) -> Non
     assert len(set(texts)) == 3
 
 
-def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("degree", "other", "mesh_size"), [(4, 5, 0.012), (5, 4, 0.008)])
+def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(
+    degree: int, other: int, mesh_size: float, tmp_path: Path
+) -> None:
     chosen = {
         "accuracy": None,
-        "discretisation": {"degree": 4, "mesh_size": "20 mm"},
+        "discretisation": {"degree": degree, "mesh_size": "20 mm"},
         "program": {"type": "ramp", "to": "3 mm", "steps": 20, "velocity": "1 mm/s"},
     }
     resolved = tmp_path / "case.yaml"
     resolved.write_text(read_case(scene(1, 1, tmp_path), chosen).to_yaml())
     finer = finer_case(read_case(resolved))
-    assert finer.discretisation.degree == 3
-    assert finer.discretisation.mesh_size == pytest.approx(0.008)
+    assert finer.discretisation.degree == other
+    assert finer.discretisation.mesh_size == pytest.approx(mesh_size)
     assert finer.program[0].steps == 40
 
 
