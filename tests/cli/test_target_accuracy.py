@@ -33,5 +33,5 @@ def test_a_run_tells_at_once_what_cannot_be_reached_and_goes_on(
     assert told["error"] == pytest.approx(told["relative_error"] * summary["peak_force_N"])
     assert abs(summary["peak_force_N"] / 122.110 - 1) < 2 * told["relative_error"]
     case = read_case(tmp_path / "case.yaml")
-    assert case.discretisation.degree == 4
+    assert case.discretisation.degree == 5
     assert case.accuracy is None
