@@ -257,8 +257,8 @@ def table(rows: list[Row]) -> str:
     dishonest = [str(r.scene) for r in known if not r.is_honest]
     words = [
         f"{good} of {len(rows)} within {100 * ACCURACY:g} % and {WANTED:g} s on {RANKS} ranks.",
-        f"True error more than {MORE:g} % above the stated one: {', '.join(dishonest) or 'none'} "
-        f"of {len(known)} with a reference.",
+        f"Numbers of the scenes whose true error is more than {MORE:g} % above the stated one: "
+        f"{', '.join(dishonest) or 'none'} of {len(known)} with a reference.",
     ]
     return "\n".join([markdown(head, cells, (1, 7)), "", *words])
 

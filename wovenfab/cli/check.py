@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from forms import effects
 from forms.effect import Effect, Needs, Parameter
-from wovenfab.case import Case, CaseError, Rectangle, read_case
+from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.document import FROM
 from wovenfab.case.effects import acting
 from wovenfab.case.quantities import Json
@@ -54,14 +54,11 @@ def edges_of(case: Case) -> list[str]:
     if isinstance(case.sheet, Rectangle):
         return []
     from wovenfab.sheet.geometry_file import edge_lines, read_geometry
-    from wovenfab.sheet.sheet import GeometryError
-    from wovenfab.simulation.from_case import geometry_of, require_edges
+    from wovenfab.simulation.from_case import geometry_of, geometry_problems, require_edges
 
     size = case.discretisation.mesh_size
-    try:
+    with geometry_problems(case):
         curves = read_geometry(geometry_of(case.sheet), size, True, coarse=True).curves
-    except GeometryError as error:
-        raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
     require_edges(case, {c.name for c in curves if c.outside and c.name is not None})
     return edge_lines(curves)
 

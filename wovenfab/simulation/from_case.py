@@ -5,8 +5,8 @@ Numbers stay numbers, formulas become functions of the position.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
@@ -123,10 +123,8 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
             :func:`require_possible` says so.
     """
     require_possible(case, comm)
-    try:
+    with geometry_problems(case):
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
-    except GeometryError as error:
-        raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
     require_edges(case, sheet.edges)
     faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
     if faults:
@@ -157,13 +155,20 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
     else:
         from wovenfab.sheet.geometry_file import outline_from_file
 
-        try:
+        with geometry_problems(case):
             outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
-        except GeometryError as error:
-            raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
         points = 2 * outline.polygon.area / size**2
     return round(2 * points * case.discretisation.degree**2 * case.needs.placements)
+
+
+@contextmanager
+def geometry_problems(case: Case) -> Iterator[None]:
+    """Turn what is wrong with a geometry into a problem of the case that names it."""
+    try:
+        yield
+    except GeometryError as error:
+        raise CaseError([case.problem(f"sheet.{error.key}", str(error))]) from error
 
 
 def require_edges(case: Case, known: Collection[str]) -> None:

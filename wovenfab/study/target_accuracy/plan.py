@@ -352,12 +352,10 @@ class _MeshSearch:
             "trial: mesh size %s m, degree %d: error %.2g of %.2g",
             size, estimate.degree, error, self.target,
         )  # fmt: skip
-        best, judged_anew = self.best, False
-        if best is not None and best.estimate is not None:
-            judged_anew = best.case.discretisation == case.discretisation
-            if error > best.estimate.worst and not judged_anew:
-                return error
-        self.best = Plan(case, sheet, estimate)
+        best = self.best
+        anew = best is not None and best.case.discretisation == case.discretisation
+        if anew or best is None or best.estimate is None or error < best.estimate.worst:
+            self.best = Plan(case, sheet, estimate)
         return error
 
 
