@@ -276,7 +276,7 @@ def execute(
         if errors is not None:
             from wovenfab.study.target_accuracy.choice import report_errors
 
-            summary = report_errors(errors, summary, directory, listener.say)
+            summary = report_errors(errors, summary, columns, directory, listener.say)
         if directory is not None and case.output.pictures and not outcome.signal:
             warning = draw_in_subprocess(directory, comm).warning
             if warning is not None:

@@ -173,10 +173,31 @@ def test_a_loss_that_coarse_elements_do_not_have_is_stated_without_an_error_of_s
         "steps": {"peak_force_N": 1e-3},
     }
     summary = {"peak_force_N": 1.0, "dissipated_J": 2.0}
-    figures = report_errors(errors, summary, None, str)["accuracy"]["figures"]
+    history = {"time_s": np.arange(3.0), "force_N": np.arange(3.0)}
+    figures = report_errors(errors, summary, history, None, str)["accuracy"]["figures"]
     assert figures["dissipated_J"]["error_of_steps"] is None
     assert figures["dissipated_J"]["relative_error"] == pytest.approx(SAFETY * 2e-3)
     assert figures["peak_force_N"]["error_of_steps"] == pytest.approx(1e-3)
+
+
+@pytest.mark.parametrize(("phase", "missed"), [(0.0, False), (0.5, True)])
+def test_a_peak_that_falls_between_the_steps_of_the_run_counts(phase: float, missed: bool) -> None:
+    t = np.arange(-20, 20) + phase
+    forces = 1 - t**2 / 4000
+    errors = {
+        "wanted": 7e-5,
+        "shortfall": "",
+        "elements": {"peak_force_N": 1e-6},
+        "steps": {"peak_force_N": 1e-6},
+    }
+    summary, lines = {"peak_force_N": float(forces.max())}, list[str]()
+    history = {"time_s": t, "force_N": forces}
+    said = report_errors(errors, summary, history, None, lines.append)["accuracy"]
+    error = said["figures"]["peak_force_N"]["relative_error"]
+    assert error >= 1 - forces.max()
+    assert error == pytest.approx(SAFETY * (1e-6 + max(1e-6, 1 - forces.max())), rel=0.01)
+    assert bool(said["shortfall"]) == missed
+    assert any("missed the peak" in line for line in lines) == missed
 
 
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:

@@ -22,6 +22,7 @@ from wovenfab.simulation.response import (
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
+    FASTEST_SET_VALUED,
     FEW,
     PEAK,
     DegreeRefinement,
@@ -90,6 +91,15 @@ def test_the_highest_degree_is_believed_no_more_than_its_change(
     assert error_of_degree((2, 3, 4), values, 4) == pytest.approx(least, rel=1e-6)
     middle = error_of_degrees((2, 3, 4), values)[1]
     assert error_of_degree((2, 3, 4), values, 3) == middle
+
+
+def test_degrees_that_agree_by_chance_are_not_believed_where_convergence_is_slow() -> None:
+    degrees = (3, 4, 5)
+    kinks = [10 + p**-FASTEST_SET_VALUED for p in degrees]
+    by_chance = [kinks[0], kinks[1], kinks[1]]
+    true = error_of_degrees(degrees, kinks, FASTEST_SET_VALUED)
+    assert error_of_degrees(degrees, by_chance, FASTEST_SET_VALUED)[1:] == pytest.approx(true[1:])
+    assert abs(error_of_degrees(degrees, by_chance)[1]) < 0.01 * abs(true[1])
 
 
 def test_the_limit_of_steps_of_second_order() -> None:

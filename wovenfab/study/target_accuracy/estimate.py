@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import copysign, inf
 from pathlib import Path
 
 import numpy as np
@@ -44,6 +44,9 @@ Array = NDArray[np.float64]
 #: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/4 at least: where a
 #: clamped side of a cut meets its free one.
 SLOWEST, FASTEST = 1.0, 40.0
+#: Fastest convergence that is believed with set-valued friction. Where yarns begin to slide the
+#: solution has a kink, at fronts that cells do not follow; two degrees may agree by chance.
+FASTEST_SET_VALUED = 5.0
 #: Error of the highest degree over the last change, at least.
 UNCONFIRMED = 2 / 3
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
@@ -55,16 +58,20 @@ PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
 ERRORS = "error.csv"
 
 
-def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[float, float, float]:
+def error_of_degrees(
+    degrees: Sequence[int], values: Sequence[float], fastest: float = FASTEST
+) -> tuple[float, float, float]:
     """Return the errors of three values from elements of three degrees on one mesh.
 
     The values are taken to follow ``limit + C p^-r``, as they do where corners are
     singular; where they converge faster, r comes out large and the error of each is
-    nearly its distance from the next.
+    nearly its distance from the next. A last change that is smaller than the fastest
+    convergence explains is taken to be as large as that.
 
     Args:
         degrees: Three degrees, one after another.
         values: The values.
+        fastest: Largest r that is believed.
 
     Returns:
         Signed errors of the three, each its value minus the limit.
@@ -75,21 +82,23 @@ def error_of_degrees(degrees: Sequence[int], values: Sequence[float]) -> tuple[f
     def ratio(r: float) -> float:
         return float((low**-r - middle**-r) / (middle**-r - high**-r))
 
-    if first * second <= 0:  # no trend: the last change is all that is known
-        r = FASTEST if abs(second) <= abs(first) else SLOWEST
+    least = abs(first) / ratio(fastest)
+    if abs(second) < least:
+        r, second = fastest, copysign(least, second)
+    elif first * second <= 0:  # no trend: the last change is all that is known
+        r = fastest if abs(second) <= abs(first) else SLOWEST
     else:
         observed = first / second
-        if observed <= ratio(SLOWEST):
-            r = SLOWEST
-        elif observed >= ratio(FASTEST):
-            r = FASTEST
-        else:
-            r = float(brentq(lambda s: ratio(s) - observed, SLOWEST, FASTEST))
+        r = SLOWEST
+        if observed > ratio(SLOWEST):
+            r = float(brentq(lambda s: ratio(s) - observed, SLOWEST, fastest))
     last = second / ((high / middle) ** r - 1)
     return first + second + last, second + last, last
 
 
-def error_of_degree(degrees: Sequence[int], values: Sequence[float], degree: int) -> float:
+def error_of_degree(
+    degrees: Sequence[int], values: Sequence[float], degree: int, fastest: float = FASTEST
+) -> float:
     """Return the signed error of the value from one of three degrees, on the safe side.
 
     No higher degree confirms the highest one: its error is at least two thirds of the last
@@ -99,8 +108,9 @@ def error_of_degree(degrees: Sequence[int], values: Sequence[float], degree: int
         degrees: Three degrees, one after another.
         values: The values.
         degree: The degree of the value, the middle or the highest one.
+        fastest: Largest exponent of convergence that is believed.
     """
-    error = error_of_degrees(degrees, values)[degrees.index(degree)]
+    error = error_of_degrees(degrees, values, fastest)[degrees.index(degree)]
     if degree < max(degrees):
         return error
     first, second = values[0] - values[1], values[1] - values[2]
@@ -122,6 +132,12 @@ def error_of_steps(
     return gain * second, second
 
 
+def fastest_convergence(case: Case) -> float:
+    """Return the largest exponent of convergence in the degree that is believed for a case."""
+    is_set_valued = any(entry.effect.set_valued for entry in case.scene)
+    return FASTEST_SET_VALUED if is_set_valued else FASTEST
+
+
 @dataclass(frozen=True)
 class DegreeRefinement:
     """Responses with three degrees on one mesh, with the same few steps.
@@ -129,16 +145,22 @@ class DegreeRefinement:
     Attributes:
         degrees: The degrees, one after another.
         responses: The responses.
+        fastest: Largest exponent of convergence that is believed.
     """
 
     degrees: tuple[int, ...]
     responses: tuple[Response, ...]
+    fastest: float = FASTEST
+
+    def error(self, values: Sequence[float], degree: int) -> float:
+        """Return the signed error of the value with elements of one of the degrees."""
+        return error_of_degree(self.degrees, values, degree, self.fastest)
 
     def errors(self, degree: int) -> dict[str, float]:
         """Return the signed error of each figure over it, with elements of one of the degrees."""
         figures = [r.figures for r in self.responses]
         return {
-            name: error_of_degree(self.degrees, [f[name] for f in figures], degree) / value
+            name: self.error([f[name] for f in figures], degree) / value
             for name, value in figures[self.degrees.index(degree)].items()
             if value
         }
@@ -229,13 +251,13 @@ class Estimate:
 
     def history(self) -> dict[str, Array]:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
-        degrees, responses = self.refinement.degrees, self.refinement.responses
-        own = responses[degrees.index(self.degree)]
+        responses = self.refinement.responses
+        own = responses[self.refinement.degrees.index(self.degree)]
         columns = {"time_s": own.times, "displacement_m": own.displacements}
         names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J")}
         for what, (name, unit) in names.items():
             values = np.array([getattr(r, name) for r in responses]).T
-            errors = [error_of_degree(degrees, v, self.degree) for v in values]
+            errors = [self.refinement.error(v, self.degree) for v in values]
             columns[f"{what}_{unit}"] = getattr(own, name)
             columns[f"{what}_error_of_elements_{unit}"] = np.array(errors)
         return columns

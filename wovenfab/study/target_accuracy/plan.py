@@ -28,6 +28,7 @@ from wovenfab.study.target_accuracy.estimate import (
     FEW,
     DegreeRefinement,
     Estimate,
+    fastest_convergence,
     response_with_degree,
 )
 from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
@@ -299,7 +300,8 @@ class _MeshSearch:
             if len(responses) < 3:
                 continue
             degrees = (degree - 3, degree - 2, degree - 1)
-            refinement = DegreeRefinement(degrees, tuple(responses[-3:]))
+            fastest = fastest_convergence(trial)
+            refinement = DegreeRefinement(degrees, tuple(responses[-3:]), fastest)
             for judged in degrees[1:]:
                 case = with_elements(trial, degree=judged)
                 error = self._add(case, sheet, Estimate(refinement, judged))
