@@ -11,6 +11,7 @@ import ast
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -51,6 +52,8 @@ COMPUTING = (
 _PAUSE = 0.2
 #: Seconds from the request to end to the kill.
 _GRACE = 5.0
+#: Frame of what the launcher of MPI says beside the output of its processes.
+_RULE = re.compile(r"^-{20,}$", re.MULTILINE)
 #: Seconds to wait for a run of which another process is being told to end.
 _HANDOVER = 60.0
 
@@ -191,8 +194,12 @@ def _text(path: Path) -> str:
 def _failure(code: int, output: str, errors: str) -> str:
     if code <= 0:
         return f"killed by signal {-code}" if code else ""
-    lines = [line for line in (errors.strip() or output.strip()).splitlines() if line]
-    return lines[-1] if lines else f"exit code {code}"
+    parts = _RULE.split(errors.strip() or output.strip())
+    lines = [line for part in parts[::2] for line in part.splitlines() if line.strip()]
+    if lines:
+        return lines[-1]
+    first_paragraph = "".join(parts[1:2]).strip().split("\n\n")[0]
+    return " ".join(first_paragraph.split()) or f"exit code {code}"
 
 
 def _end(process: subprocess.Popen[bytes]) -> None:
