@@ -54,6 +54,12 @@ def peak_force_bound(times: Array, forces: Array) -> float:
     return sign * best
 
 
+def missed_peak(times: Array, forces: Array) -> float:
+    """Return what the steps may miss of the force of largest size between them, over it."""
+    largest = float(np.abs(forces).max(initial=0.0))
+    return abs(peak_force_bound(times, forces)) / largest - 1 if largest else 0.0
+
+
 def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
     """Return the force of largest size that the curve reaches between its steps.
 

@@ -26,7 +26,7 @@ from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import peak_force_bound
+from wovenfab.simulation.response import missed_peak
 from wovenfab.study.target_accuracy.estimate import PEAK, stated_error
 from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
 from wovenfab.study.target_accuracy.time_steps import ALMOST
@@ -180,6 +180,7 @@ def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
         "shortfall": chosen.shortfall,
         "elements": estimate.space if estimate else {},
         "steps": estimate.time if estimate else None,
+        "missed": estimate.missed if estimate else 0.0,
     }
 
 
@@ -203,10 +204,12 @@ def report_errors(
         say: Gets messages.
     """
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
-    if steps and steps.get(PEAK):
-        steps = {**steps, PEAK: max(steps[PEAK], -_missed_peak(history), key=abs)}
+    missed = {}
+    if steps and PEAK in steps:
+        steps = {**steps, PEAK: steps[PEAK] + errors.get("missed", 0.0)}
+        missed = {PEAK: missed_peak(history["time_s"], history["force_N"])}
     figures = {
-        name: _error(summary[name], share, (steps or {}).get(name))
+        name: _error(summary[name], share, (steps or {}).get(name), missed.get(name, 0.0))
         for name, share in errors["elements"].items()
         if summary.get(name) is not None
     }
@@ -229,21 +232,16 @@ def report_errors(
     return more
 
 
-def _missed_peak(history: Mapping[str, Array]) -> float:
-    """Return by how much of it the recorded peak of the force may be missed."""
-    forces = history["force_N"]
-    largest = float(np.abs(forces).max(initial=0.0))
-    return abs(peak_force_bound(history["time_s"], forces)) / largest - 1 if largest else 0.0
-
-
-def _error(value: float, elements: float, steps: float | None) -> dict[str, float | None]:
+def _error(
+    value: float, elements: float, steps: float | None, missed: float
+) -> dict[str, float | None]:
     """Return the errors of a figure."""
-    relative = stated_error(elements, steps or 0.0)
+    relative = stated_error(elements, steps or 0.0, missed)
     return {
         "value": value,
         "error": relative * abs(value),
         "error_of_elements": elements * value,
-        "error_of_steps": None if steps is None else steps * value,
+        "error_of_steps": None if steps is None else (steps - missed) * value,
         "relative_error": relative,
     }
 
