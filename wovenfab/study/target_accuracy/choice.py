@@ -206,6 +206,7 @@ def report_errors(
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
     missed = {}
     if steps and PEAK in steps:
+        # Checkpoints of earlier versions do not have it.
         steps = {**steps, PEAK: steps[PEAK] + errors.get("missed", 0.0)}
         missed = {PEAK: missed_peak(history["time_s"], history["force_N"])}
     figures = {
