@@ -180,7 +180,6 @@ def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
         "shortfall": chosen.shortfall,
         "elements": estimate.space if estimate else {},
         "steps": estimate.time if estimate else None,
-        "missed": estimate.missed if estimate else 0.0,
     }
 
 
@@ -204,11 +203,7 @@ def report_errors(
         say: Gets messages.
     """
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
-    missed = {}
-    if steps and PEAK in steps:
-        # Checkpoints of earlier versions do not have it.
-        steps = {**steps, PEAK: steps[PEAK] + errors.get("missed", 0.0)}
-        missed = {PEAK: missed_peak(history["time_s"], history["force_N"])}
+    missed = {PEAK: missed_peak(history["time_s"], history["force_N"])} if steps else {}
     figures = {
         name: _error(summary[name], share, (steps or {}).get(name), missed.get(name, 0.0))
         for name, share in errors["elements"].items()
@@ -236,13 +231,13 @@ def report_errors(
 def _error(
     value: float, elements: float, steps: float | None, missed: float
 ) -> dict[str, float | None]:
-    """Return the errors of a figure."""
-    relative = stated_error(elements, steps or 0.0, missed)
+    """Return the errors of a figure; what its steps missed is measured and needs no factor."""
+    relative = max(stated_error(elements, steps or 0.0), stated_error(elements, 0.0) + missed)
     return {
         "value": value,
         "error": relative * abs(value),
         "error_of_elements": elements * value,
-        "error_of_steps": None if steps is None else (steps - missed) * value,
+        "error_of_steps": None if steps is None else max(steps, -missed, key=abs) * value,
         "relative_error": relative,
     }
 

@@ -33,7 +33,6 @@ from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.response import (
     Response,
-    missed_peak,
     prolongated,
     response_of,
     with_elements,
@@ -209,11 +208,6 @@ class StepRefinement:
         errors = {PEAK: peak, DISSIPATED: error_of_steps(steps, losses, self.order)[1]}
         return {name: errors[name] / value for name, value in figures.items() if value}
 
-    @property
-    def missed(self) -> float:
-        """What the more steps miss of the peak, over it."""
-        return missed_peak(self.more.times, self.more.forces)
-
 
 @dataclass(frozen=True)
 class Estimate:
@@ -223,13 +217,11 @@ class Estimate:
         refinement: Responses with three degrees.
         degree: Degree of the elements of the case.
         time: Signed errors of the steps over the figures; None where they were not chosen.
-        missed: Part of it: what steps miss of the peak, over it.
     """
 
     refinement: DegreeRefinement
     degree: int
     time: Mapping[str, float] | None = None
-    missed: float = 0.0
 
     @property
     def space(self) -> dict[str, float]:
@@ -271,15 +263,9 @@ class Estimate:
         return columns
 
 
-def stated_error(elements: float, steps: float, missed: float = 0.0) -> float:
-    """Return the size of errors on the safe side; they might add up.
-
-    Args:
-        elements: Estimated error of the elements.
-        steps: Estimated error of the steps.
-        missed: What steps missed of a peak; that is measured.
-    """
-    return SAFETY * (abs(elements) + abs(steps)) + missed
+def stated_error(elements: float, steps: float) -> float:
+    """Return the size of both errors on the safe side; they might add up."""
+    return SAFETY * (abs(elements) + abs(steps))
 
 
 def worst(errors: Mapping[str, float]) -> float:

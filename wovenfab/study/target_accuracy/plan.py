@@ -171,7 +171,7 @@ def plan(
     if (more := max(case.accuracy - error, share * error / case.accuracy)) > MUCH_MORE * share:
         steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
-    estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
+    estimate = replace(elements.estimate, time=steps.errors)
     reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     found = replace(found, steps=(steps.words, steps.number))

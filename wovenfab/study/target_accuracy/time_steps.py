@@ -60,7 +60,6 @@ class TimeSteps:
         kind: Equal or adaptive ones.
         number: Of steps over that of the first trial.
         errors: Their signed errors over the figures.
-        missed: Part of it: what they miss of the peak, over it.
         effort: Tangents in the trial.
         order: In which the errors fall with the number.
     """
@@ -68,7 +67,6 @@ class TimeSteps:
     kind: Kind
     number: float
     errors: dict[str, float]
-    missed: float
     effort: float
     order: int
 
@@ -173,14 +171,11 @@ class StepSearch:
                 continue
             tangents, growth = more.outcome.tangents, 2.0
             if fewer is not None and more.count > fewer.count:  # equal numbers show no error
-                refinement = StepRefinement(fewer, more, self._order)
-                errors = refinement.errors()
+                errors = StepRefinement(fewer, more, self._order).errors()
                 need = min((worst(errors) / target) ** (1 / self._order), MOST / number)
                 taken = min(max(need, 0.5), FAR)
                 scaled = {name: e / taken**self._order for name, e in errors.items()}
-                missed = refinement.missed / taken**self._order
-                effort = taken * tangents
-                best = TimeSteps(kind, taken * number, scaled, missed, effort, self._order)
+                best = TimeSteps(kind, taken * number, scaled, taken * tangents, self._order)
                 if need <= FAR:
                     break
                 growth = min(need, FARTHEST)
