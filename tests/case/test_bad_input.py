@@ -124,3 +124,22 @@ def test_what_no_machine_can_hold_is_refused_before_it_is_made(
     with pytest.raises(CaseError, match=message):
         from_case.sheet_of(case, MPI.COMM_SELF)
     assert time.monotonic() - start < 5
+
+
+def test_a_run_that_stores_no_fields_has_the_same_history_and_goes_on(path: Path) -> None:
+    from mpi4py import MPI
+
+    from wovenfab.interface import execute
+
+    none, some, results = (
+        path.parent / "none",
+        path.parent / "some",
+        ("history.csv", "summary.json"),
+    )
+    case = read_case(path, ["output.fields=[]", "output.pictures=true"])
+    execute(case, none, comm=MPI.COMM_SELF, until=0.02)
+    execute(case, none, comm=MPI.COMM_SELF, resume=True)
+    execute(read_case(path), some, comm=MPI.COMM_SELF)
+    assert not list(none.glob("fields*")) and list(some.glob("fields*"))
+    assert (none / "history.csv").read_text() == (some / "history.csv").read_text()
+    assert all((none / name).is_file() for name in (*results, "loop.png"))

@@ -228,10 +228,10 @@ def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
 
 @_rule
 def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
+    if output.lines and not output.fields:
+        reason = "the list is empty, and probes of lines and yarns are of stored fields"
+        yield ("output", "fields"), reason, "Leave the key out, or name a field."
     if "fields" in output.model_fields_set:
-        if not output.fields:
-            remedy = "Leave the key out for all fields, or name one, such as displacement."
-            yield ("output", "fields"), "the list is empty", remedy
         possible = possible_fields(needs_of_scene(scene))
         for i, field in enumerate(output.fields):
             if field not in possible:

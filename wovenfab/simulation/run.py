@@ -191,7 +191,7 @@ def _opened(
 
 
 class FieldWriter:
-    """Writes the chosen fields every so many planned steps, at reversals and at the end.
+    """Writes the chosen fields, if any, every so many planned steps, at reversals and at the end.
 
     Attributes:
         planned: Number of planned steps made so far.
@@ -208,7 +208,8 @@ class FieldWriter:
         case, program = simulation.case, simulation.program
         self._every = case.output.every
         self._always = {*program.reversals, program.milestones[-1].time}
-        self._probe, self._series = _opened(simulation.model, directory, case.output.fields, until)
+        groups = case.output.fields
+        self._files = _opened(simulation.model, directory, groups, until) if groups else None
         self.planned = planned
 
     def __call__(self, step: Step) -> None:
@@ -218,11 +219,14 @@ class FieldWriter:
         self.planned += 1
         if self.planned % self._every and step.milestone.time not in self._always:
             return
+        if self._files is None:
+            return
+        probe, series = self._files
         data = {
             name: v.ravel() if v.shape[2] == 1 else v.reshape(-1, v.shape[2])
-            for name, v in self._probe.values().items()
+            for name, v in probe.values().items()
         }
-        self._series.write(step.number, step.time, data)
+        series.write(step.number, step.time, data)
 
 
 class ModeWriter:
