@@ -27,6 +27,9 @@ FAR_AHEAD = 1.5
 REPEAT_FROM = 1.5
 #: Safety factor of the next length, and its least ratio to the last one.
 SAFETY, LEAST = 0.85, 0.3
+#: Growth once after steps whose lengths differ by this ratio at most. A planned step is made in
+#: equal parts: halves would never become a whole one again if each step grew by less than two.
+DOUBLE, EVEN = 2.0, 1 + 1e-6
 
 
 @dataclass(frozen=True)
@@ -215,10 +218,18 @@ class TimeErrorEstimator:
         """Return whether the step must be made again."""
         return error.relative > REPEAT_FROM * self._tolerance
 
-    def growth(self, error: StepError) -> float:
-        """Return how long the next step may be over this one."""
+    def growth(self, error: StepError, steps: Sequence[float]) -> float:
+        """Return how long the next step may be over this one.
+
+        Args:
+            error: Of this step.
+            steps: Lengths of this step and of those before it, latest first, s.
+        """
         share: float = (self._tolerance / max(error.relative, 1e-30)) ** (1 / self._scheme.order)
-        return min(self._scheme.growth, max(LEAST, SAFETY * share))
+        last = steps[: self._scheme.memory]
+        is_even = len(last) == self._scheme.memory and max(last) <= EVEN * min(last)
+        most = max(self._scheme.growth, DOUBLE) if is_even else self._scheme.growth
+        return min(most, max(LEAST, SAFETY * share))
 
     def _dissipated(self) -> float:
         return sum(self._problem.model.dissipated_power().values())

@@ -284,7 +284,7 @@ class TimeStepper:
         """Set the length of the next step, and return whether this one must be repeated."""
         if self._time_error is None or error is None:
             return False
-        best = length * self._time_error.growth(error)
+        best = length * self._time_error.growth(error, [length, *self._state.steps])
         self._step_size.limit(best)
         return self._time_error.refuses(error) and best >= self._smallest * planned
 
