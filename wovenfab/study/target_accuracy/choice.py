@@ -192,8 +192,8 @@ def report_errors(
 ) -> dict[str, Any]:
     """Print the estimated errors; return the summary with them, and write it. Collective.
 
-    The steps of trials tell when these would miss the peak; how far those of the run missed it,
-    which may meet it at another time, is told by its own forces.
+    How far the steps of the run missed the peak, which may be at another time than in trials, is
+    told by its own forces.
 
     Args:
         errors: What :func:`errors_of` returned.
@@ -231,13 +231,13 @@ def report_errors(
 def _error(
     value: float, elements: float, steps: float | None, missed: float
 ) -> dict[str, float | None]:
-    """Return the errors of a figure; what its steps missed is measured and needs no factor."""
-    relative = max(stated_error(elements, steps or 0.0), stated_error(elements, 0.0) + missed)
+    """Return the errors of a figure."""
+    relative = stated_error(elements, steps or 0.0, missed)
     return {
         "value": value,
         "error": relative * abs(value),
         "error_of_elements": elements * value,
-        "error_of_steps": None if steps is None else max(steps, -missed, key=abs) * value,
+        "error_of_steps": None if steps is None else (steps - missed) * value,
         "relative_error": relative,
     }
 

@@ -199,14 +199,18 @@ class StepRefinement:
     def errors(self) -> dict[str, float]:
         """Return the signed error of each figure over it, with more steps.
 
-        Steps miss the peak of the force between them, besides the error that they have there.
+        That of the peak is the error of the curve; what steps miss of it is another matter.
         """
         steps, figures = (self.fewer.count, self.more.count), self.more.figures
-        peaks = self.fewer.peak_force_bound, self.more.peak_force_bound
-        losses = self.fewer.figures[DISSIPATED], figures[DISSIPATED]
-        peak = error_of_steps(steps, peaks, self.order)[1] + figures[PEAK] - peaks[1]
-        errors = {PEAK: peak, DISSIPATED: error_of_steps(steps, losses, self.order)[1]}
-        return {name: errors[name] / value for name, value in figures.items() if value}
+        pairs = {
+            PEAK: (self.fewer.peak_force_bound, self.more.peak_force_bound),
+            DISSIPATED: (self.fewer.figures[DISSIPATED], figures[DISSIPATED]),
+        }
+        return {
+            name: error_of_steps(steps, pairs[name], self.order)[1] / value
+            for name, value in figures.items()
+            if value
+        }
 
 
 @dataclass(frozen=True)
@@ -217,11 +221,18 @@ class Estimate:
         refinement: Responses with three degrees.
         degree: Degree of the elements of the case.
         time: Signed errors of the steps over the figures; None where they were not chosen.
+        missed: Share of the peak of the force that is missed between steps.
     """
 
     refinement: DegreeRefinement
     degree: int
     time: Mapping[str, float] | None = None
+    missed: float = 0.0
+
+    @property
+    def response(self) -> Response:
+        """The response with the elements of the case, with few steps."""
+        return self.refinement.responses[self.refinement.degrees.index(self.degree)]
 
     @property
     def space(self) -> dict[str, float]:
@@ -231,8 +242,11 @@ class Estimate:
     @property
     def relative(self) -> dict[str, float]:
         """Size of both errors together over the figure, by name, on the safe side."""
-        time = self.time or {}
-        return {n: stated_error(e, time.get(n, 0.0)) for n, e in self.space.items()}
+        time, missed = self.time or {}, {PEAK: self.missed}
+        return {
+            name: stated_error(e, time.get(name, 0.0), missed.get(name, 0.0))
+            for name, e in self.space.items()
+        }
 
     @property
     def worst(self) -> float:
@@ -251,8 +265,7 @@ class Estimate:
 
     def history(self) -> dict[str, Array]:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
-        responses = self.refinement.responses
-        own = responses[self.refinement.degrees.index(self.degree)]
+        responses, own = self.refinement.responses, self.response
         columns = {"time_s": own.times, "displacement_m": own.displacements}
         names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J")}
         for what, (name, unit) in names.items():
@@ -263,9 +276,15 @@ class Estimate:
         return columns
 
 
-def stated_error(elements: float, steps: float) -> float:
-    """Return the size of both errors on the safe side; they might add up."""
-    return SAFETY * (abs(elements) + abs(steps))
+def stated_error(elements: float, steps: float, missed: float = 0.0) -> float:
+    """Return the size of all errors on the safe side; they might add up.
+
+    Args:
+        elements: Estimated error, which is not exact.
+        steps: The same.
+        missed: What is missed of a peak, which is measured.
+    """
+    return SAFETY * (abs(elements) + abs(steps)) + missed
 
 
 def worst(errors: Mapping[str, float]) -> float:

@@ -44,10 +44,9 @@ logger = logging.getLogger(__name__)
 
 #: Share of the machine's memory that a run may take.
 MEMORY_SHARE = 0.6
-#: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
-STEPS_SHARE = 0.25
-#: Growth of what elements leave to steps from which fewer steps are looked for.
-MUCH_MORE = 2.0
+#: Share of the accuracy that steps may use, at least: finer cells cost more than more steps; and
+#: of what elements leave.
+STEPS_SHARE, STEPS_MARGIN = 0.25, 0.95
 #: Share of the elements' error up to which the error of the few steps of trials changes nothing,
 #: so that these steps may be cut in some of the trials that are compared.
 HARMLESS = 0.1
@@ -168,10 +167,11 @@ def plan(
     found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
         return replace(elements, start=found)
-    if (more := max(case.accuracy - error, share * error / case.accuracy)) > MUCH_MORE * share:
-        steps = search.steps_for(more) or steps
+    delay = search.delay_of_peak(elements.estimate.response, few)
+    more = max(STEPS_MARGIN * (case.accuracy - error), share * error / case.accuracy)
+    steps = search.steps_for(more, delay) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
-    estimate = replace(elements.estimate, time=steps.errors)
+    estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
     reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     found = replace(found, steps=(steps.words, steps.number))
