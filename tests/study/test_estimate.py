@@ -13,8 +13,10 @@ from wovenfab.case import Case, Cycles, Ramp, read_case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
+    missed_peak,
     prolongated,
     response_of,
+    time_of_peak,
     trial_of,
     with_elements,
     with_steps,
@@ -299,6 +301,19 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_estimated(
         assert error < estimate < 0.01
 
 
+def test_the_peak_of_other_elements_comes_later_by_what_few_steps_tell() -> None:
+    """With finer elements the sheet is softer, and friction lets go later."""
+    chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
+    case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
+    on = sheet(case)
+    delay = StepSearch(case, on, str).delay_of_peak(response_with_degree(case, on, 4), FEW)
+    coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
+    true = time_of_peak(fine.times, fine.forces) - time_of_peak(coarse.times, coarse.forces)
+    print(f"\n{1e3 * delay:.3g} ms, true {1e3 * true:.3g} ms")
+    assert delay == pytest.approx(true, rel=0.3)
+    assert true > 0
+
+
 @pytest.mark.parametrize("factor", ["kept", "renewed"])
 def test_steps_that_start_from_a_lower_degree_take_fewer_tangents(factor: str) -> None:
     """Where all are renewed, each iteration takes one."""
@@ -325,6 +340,26 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     assert first == second < third
     assert chosen is not None
     assert abs(worst(chosen.errors)) <= 0.05
+
+
+def test_equal_steps_are_whole_again_after_shorter_first_ones() -> None:
+    time = "time={scheme: bdf3, steps_per_cycle: 24, tolerance: 0.5}"
+    case = case_of("bias-1x3", CYCLE, time, elements(2, 0.15))
+    assert 24 < response_of(case, sheet(case)).count <= 28
+
+
+@pytest.mark.parametrize("target", [0.004, 0.001])
+def test_the_number_of_equal_steps_is_such_that_one_meets_the_peak(target: float) -> None:
+    case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), target)
+    search = StepSearch(case, sheet(case), str)
+    chosen = search.steps_for(target)
+    assert chosen is not None
+    assert chosen.words == "equal steps"
+    response = response_of(chosen.of(case), sheet(case))
+    missed = missed_peak(response.times, response.forces)
+    print(f"\n{response.count} steps: missed {missed:.2e}, expected {chosen.missed:.2e}")
+    assert missed < target
+    assert missed < 2 * chosen.missed + target / 20
 
 
 def test_steps_are_thinned_alike_in_all_segments() -> None:

@@ -11,7 +11,12 @@ from mpi4py import MPI
 from benchmarks.probe import CASE, sample
 from wovenfab.case import read_case
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import interpolated_peak_force, peak_force_bound, response_of
+from wovenfab.simulation.response import (
+    interpolated_peak_force,
+    peak_force_bound,
+    response_of,
+    time_of_peak,
+)
 from wovenfab.study.accuracy.measure import measure
 
 Largest = Callable[[np.ndarray, np.ndarray], float]
@@ -51,6 +56,12 @@ def test_the_bound_is_close_to_a_peak_between_steps(kink: float) -> None:
     sampled = force(times)
     assert abs(peak_force_bound(times, sampled) / true - 1) < 2e-3
     assert abs(peak_force_bound(times, -sampled) + true) < 2e-3 * true
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_time_of_a_peak_is_known_between_steps(sign: int) -> None:
+    times = np.linspace(0, 1, 13)
+    assert time_of_peak(times, sign * np.sin(3 * times)) == pytest.approx(np.pi / 6, abs=1e-3)
 
 
 def test_where_a_layer_is_not_resolved_the_peak_is_not_overshot() -> None:

@@ -61,19 +61,6 @@ def missed_peak(times: Array, forces: Array) -> float:
     return abs(peak_force_bound(times, forces)) / largest - 1 if largest else 0.0
 
 
-def missed_at(times: Array, forces: Array, others: Array) -> float:
-    """Return what steps at other times would miss of the force of largest size, over it.
-
-    Args:
-        times: Of steps that are short enough for a spline, s, shape (n,).
-        forces: At them, N, shape (n,).
-        others: Times, s, shape (m,).
-    """
-    curve = CubicSpline(times, np.abs(forces))
-    top = float(curve(time_of_peak(times, forces)))
-    return max(0.0, 1 - float(curve(others).max()) / top) if top else 0.0
-
-
 def time_of_peak(times: Array, forces: Array) -> float:
     """Return when a spline through the forces of steps (N, shape (n,)) is largest in size, s."""
     between = np.linspace(times[0], times[-1], len(times) * BETWEEN)

@@ -11,6 +11,7 @@ from time import perf_counter
 
 import numpy as np
 from mpi4py import MPI
+from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
 from wovenfab.sheet.sheet import Sheet
@@ -19,7 +20,6 @@ from wovenfab.simulation.response import (
     Response,
     TooLongError,
     has_fixed_steps,
-    missed_at,
     missed_peak,
     response_of,
     time_of_peak,
@@ -223,10 +223,10 @@ class StepSearch:
             times, forces = response.times, response.forces
             if tried.kind is equal_steps:
                 planned = program_of_case(equal_steps(self._trial, number)).milestones
-                at = np.array([milestone.time for milestone in planned])
-                missed = missed_at(times + self._delay, forces, at)
-            else:
-                missed = missed_peak(times, forces)
+                curve = CubicSpline(times + self._delay, forces)
+                times = np.array([milestone.time for milestone in planned])
+                forces = curve(times)
+            missed = missed_peak(times, forces)
             scaled = {name: e / growth**tried.order for name, e in errors.items()}
             option = replace(
                 tried, number=number, errors=scaled, effort=growth * tried.effort, missed=missed
