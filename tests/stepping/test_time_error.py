@@ -9,7 +9,7 @@ import pytest
 
 from tests import scenes
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
-from wovenfab.stepping.schemes import SCHEMES, end_weights, rate_error
+from wovenfab.stepping.schemes import LEAST, SCHEMES, end_weights, rate_error
 from wovenfab.stepping.step import Step
 from wovenfab.stepping.time_stepper import TimeStepper
 
@@ -23,6 +23,28 @@ def test_a_polynomial_of_one_degree_more_has_its_true_rate(steps: tuple[float, .
     true = motion.deriv()(0.7)
     assert abs(rate - true) > 1e-3
     assert rate + rate_error(now, states, steps) == pytest.approx(true)
+
+
+@pytest.mark.parametrize(
+    "ratios", [(2.0, 1.0, 1.0), (2.0, 1.0, 1.0, 0.5), (2.0, 1.0, 1.0, LEAST), (1.5,)]
+)
+def test_bdf_of_third_order_is_zero_stable_where_it_doubles_after_even_steps(
+    ratios: tuple[float, ...],
+) -> None:
+    """Perturbations of a constant solution die away: all roots but one are in the unit circle."""
+    steps, product = [1.0, 1.0, 1.0], np.eye(3)
+    for _ in range(4):
+        product = np.eye(3)
+        for ratio in ratios:
+            steps = [ratio * steps[0], *steps[:2]]
+            now, *before = end_weights(steps)
+            advance = np.eye(3, k=-1)
+            advance[0] = -np.array(before) / now
+            product = advance @ product
+    roots = sorted(abs(np.linalg.eigvals(product)))
+    print(f"\n{ratios}: {roots}")
+    assert roots[-1] == pytest.approx(1)
+    assert roots[-2] < 0.95
 
 
 def run(program: Program, tolerance: float | None) -> list[Step]:

@@ -29,6 +29,7 @@ REPEAT_FROM = 1.5
 SAFETY, LEAST = 0.85, 0.3
 #: Growth once after steps whose lengths differ by this ratio at most. A planned step is made in
 #: equal parts: halves would never become a whole one again if each step grew by less than two.
+#: BDF of third order is zero-stable where even such steps follow one another.
 DOUBLE, EVEN = 2.0, 1 + 1e-6
 
 
