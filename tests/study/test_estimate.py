@@ -30,9 +30,9 @@ from wovenfab.study.target_accuracy.estimate import (
     DegreeRefinement,
     Estimate,
     StepRefinement,
+    error_and_order,
     error_of_degree,
     error_of_degrees,
-    error_of_steps,
     error_shares,
     response_with_degree,
     stated_error,
@@ -63,8 +63,9 @@ def estimated(case: Case, share: float = FEW) -> Estimate:
     )
     if not case.needs.rate:
         return Estimate(refinement, degree)
-    pair = StepRefinement(response_of(with_steps(case, 0.5), on), response_of(case, on), order=2)
-    return Estimate(refinement, degree, pair.errors())
+    three = [response_of(with_steps(case, part), on) for part in (0.25, 0.5, 1.0)]
+    errors = StepRefinement(three, 2).errors_and_orders()
+    return Estimate(refinement, degree, {name: error for name, (error, _) in errors.items()})
 
 
 def elements(degree: int, mesh_size: float) -> str:
@@ -104,9 +105,19 @@ def test_degrees_that_agree_by_chance_are_not_believed_where_convergence_is_slow
     assert abs(error_of_degrees(degrees, by_chance)[1]) < 0.01 * abs(true[1])
 
 
-def test_the_limit_of_steps_of_second_order() -> None:
-    values = (5 + 3 / 20**2, 5 + 3 / 50**2)
-    assert error_of_steps((20, 50), values, 2) == pytest.approx((3 / 400, 3 / 2500))
+@pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
+def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_schemes(
+    order: float,
+) -> None:
+    counts = 12, 22, 50
+    values = [4 + 3 * n**-order for n in counts]
+    error, shown = error_and_order(counts, values, 3)
+    assert error == pytest.approx(3 * 50**-order, rel=1e-6)
+    assert shown == pytest.approx(order, rel=1e-6)
+    error, shown = error_and_order(counts, values, 1.5)
+    assert error >= 3 * 50**-order * (1 - 1e-9)
+    assert shown <= 1.5
+    assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
 
 
 def test_stated_errors_of_elements_and_steps_add_up_on_the_safe_side() -> None:
@@ -331,13 +342,14 @@ def test_steps_that_start_from_a_lower_degree_take_fewer_tangents(factor: str) -
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
-    """A ramp of few steps, whose first two trials both have the fewest that there are."""
+    """A ramp of few steps, whose first trials have the fewest that there are."""
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
     lines: list[str] = []
     chosen = StepSearch(trial_of(case, 0.05), sheet(case), lines.append).steps_for(0.05)
-    first, second, third = (int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines[:3])
-    assert first == second < third
+    counts = [int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines]
+    assert counts[0] == counts[1] < counts[-1]
+    assert len(set(counts)) >= 3
     assert chosen is not None
     assert abs(worst(chosen.errors)) <= 0.05
 

@@ -1,14 +1,14 @@
 """Estimated errors of a case: from elements and from steps, each measured by itself.
 
 Both parts add up to leading order. That of the elements follows with few steps from three
-degrees on the mesh of the case; that of the steps on a coarse mesh, from half as many steps.
+degrees on the mesh of the case; that of the steps on a coarse mesh from three numbers of steps.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import copysign, inf
+from math import copysign, inf, log
 from pathlib import Path
 
 import numpy as np
@@ -117,19 +117,23 @@ def error_of_degree(
     return max(error, second * UNCONFIRMED if first * second > 0 else second, key=abs)
 
 
-def error_of_steps(
-    steps: tuple[int, int], values: tuple[float, float], order: int
+def error_and_order(
+    counts: Sequence[int], values: Sequence[float], highest: float
 ) -> tuple[float, float]:
-    """Return the errors of two values from two numbers of steps (Richardson).
+    """Return the signed error of the last of three values, and the order in which it falls.
+
+    The order is the one that the values show: where steps do not resolve how friction lets go,
+    it is lower than the scheme's.
 
     Args:
-        steps: The fewer, the more.
+        counts: Three numbers of steps, one after another.
         values: The values.
-        order: Order of the scheme.
+        highest: Order of the scheme.
     """
-    gain = (steps[1] / steps[0]) ** order
-    second = (values[0] - values[1]) / (gain - 1)
-    return gain * second, second
+    _, middle, last = error_of_degrees(counts, values, highest)
+    if not last:
+        return 0.0, highest
+    return last, min(log(middle / last) / log(counts[2] / counts[1]), highest)
 
 
 def fastest_convergence(case: Case) -> float:
@@ -185,32 +189,32 @@ def response_with_degree(
 
 @dataclass(frozen=True)
 class StepRefinement:
-    """Responses with two numbers of steps on the same elements.
+    """Responses with three numbers of steps on the same elements.
 
     Attributes:
-        fewer, more: The responses.
-        order: Order of the scheme.
+        responses: The responses, one after another.
+        highest: Order of the scheme.
     """
 
-    fewer: Response
-    more: Response
-    order: int
+    responses: Sequence[Response]
+    highest: float
 
-    def errors(self) -> dict[str, float]:
-        """Return the signed error of each figure over it, with more steps.
+    def errors_and_orders(self) -> dict[str, tuple[float, float]]:
+        """Return each figure's signed error over it with most steps, and the order of that.
 
         That of the peak is the error of the curve; what steps miss of it is another matter.
         """
-        steps, figures = (self.fewer.count, self.more.count), self.more.figures
-        pairs = {
-            PEAK: (self.fewer.peak_force_bound, self.more.peak_force_bound),
-            DISSIPATED: (self.fewer.figures[DISSIPATED], figures[DISSIPATED]),
+        counts = [r.count for r in self.responses]
+        values = {
+            PEAK: [r.peak_force_bound for r in self.responses],
+            DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
         }
-        return {
-            name: error_of_steps(steps, pairs[name], self.order)[1] / value
-            for name, value in figures.items()
-            if value
-        }
+        result = {}
+        for name, value in self.responses[-1].figures.items():
+            if value:
+                error, order = error_and_order(counts, values[name], self.highest)
+                result[name] = error / value, order
+        return result
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from time import perf_counter
 
@@ -45,16 +45,16 @@ COARSE = 0.5
 #: Share of the usual number of steps that adaptive ones are planned with, their first tolerance.
 PLANNED, FIRST_TOLERANCE = 0.075, 0.02
 #: Growth of the number of steps up to which a trial is extrapolated, and the largest from trial
-#: to trial; growth in which numbers are tried until a step meets the peak.
-FAR, FARTHEST, A_LITTLE = 2.0, 8.0, 1.03
+#: to trial; numbers up to there of which the least is taken that is enough.
+FAR, FARTHEST, OPTIONS = 2.0, 8.0, 48
+#: Least ratio of two numbers of steps that are compared.
+APART = 1.4
 #: Growth of the number of steps up to which no other kind is tried.
 EASY = 4.0
 #: Growth of tangents with twice the steps, at least.
 DEARER = 1.4
 #: Round-off of an error that just reaches the target.
 ALMOST = 1 + 1e-9
-#: Highest order of convergence that is believed: where friction reverses, higher ones are lost.
-BELIEVED = 2
 #: Largest number of steps over that of the first trial, and trials of one kind.
 MOST, TRIALS = 128.0, 8
 
@@ -68,7 +68,7 @@ class TimeSteps:
         number: Of steps over that of the first trial.
         errors: Their signed errors over the figures.
         effort: Tangents in the trial.
-        order: In which the errors fall with the number.
+        orders: In which the errors fall with the number.
         missed: Share of the peak of the force that is missed between steps, besides.
     """
 
@@ -76,7 +76,7 @@ class TimeSteps:
     number: float
     errors: dict[str, float]
     effort: float
-    order: int
+    orders: dict[str, float]
     missed: float = 0.0
 
     @property
@@ -98,7 +98,15 @@ class TimeSteps:
         """Return about the largest error of a share of the usual number of equal steps."""
         if self.kind is not equal_steps:
             return inf
-        return worst(self.errors) * (FIRST_SHARE * self.number / share) ** self.order
+        growth = share / (FIRST_SHARE * self.number)
+        return max((abs(e) / growth ** self.orders[n] for n, e in self.errors.items()), default=0.0)
+
+    def lacking(self, target: float) -> float:
+        """Return how many times as many steps would about reach a target."""
+        powers = [
+            (SAFETY * abs(e) / target) ** (1 / self.orders[n]) for n, e in self.errors.items()
+        ]
+        return max(powers, default=1.0)
 
 
 def equal_steps(case: Case, number: float) -> Case:
@@ -135,7 +143,6 @@ class StepSearch:
         self._left, self._delay = patience, 0.0
         self._trial, self._sheet, self._report = trial, sheet, report
         self._known = known or ("", 1.0)
-        self._order = min(scheme_of(trial).order, BELIEVED)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
 
     def delay_of_peak(self, other: Response, share: float) -> float:
@@ -166,7 +173,7 @@ class StepSearch:
         for kind in kinds:
             least = min((o.effort for o in options if _reaches(o, target)), default=inf)
             is_known = _words(kind) == likely
-            option = self._enough(kind, target, least, number / 2 if is_known else 1.0)
+            option = self._enough(kind, target, least, number / 4 if is_known else 0.5)
             if option is None:
                 continue
             options.append(option)
@@ -186,56 +193,65 @@ class StepSearch:
         None where none can be made, or where they would take more tangents than ``least``. The
         first trial has ``number`` times the first steps.
         """
-        fewer: Response | None = None
         best = None
-        if len(tried := [n for k, n in self._tried if k is kind and self._tried[k, n]]) > 1:
-            number = sorted(tried)[-2]
+        tried = {n: r for (k, n), r in self._tried.items() if k is kind and r}
+        known = [tried[n] for n in sorted(tried)]
+        if known:
+            number = max(tried)
         for _ in range(TRIALS):
-            if (more := self._response(kind, number)) is None:
-                fewer, number = None, 2 * number
+            if (response := self._response(kind, number)) is None:
+                known, number = [], 2 * number
                 continue
-            finer = [n / number for n in tried if n > number]
-            tangents, growth = more.outcome.tangents, min(finer, default=2.0)
-            if fewer is not None and more.count > fewer.count:  # equal numbers show no error
-                errors = StepRefinement(fewer, more, self._order).errors()
-                need = (SAFETY * worst(errors) / target) ** (1 / self._order)
-                need = min(need, MOST / number)
-                at_most = TimeSteps(kind, number, errors, tangents, self._order)
-                best = self._that_meet_the_peak(at_most, more, min(max(need, 0.5), FAR), target)
-                if need <= FAR:
+            known = [*(r for r in known if APART * r.count <= response.count), response]
+            tangents, growth = response.outcome.tangents, 2.0
+            if len(known) >= 3:
+                figures = StepRefinement(known[-3:], scheme_of(self._trial).order)
+                best = self._least(kind, number, response, figures.errors_and_orders(), target)
+                if _reaches(best, target):
                     break
-                growth = min(need, FARTHEST)
+                growth = min(max(best.number / number * best.lacking(target), FAR), FARTHEST)
+                if growth * number > MOST:
+                    break
             if DEARER * tangents > least:
                 break
-            fewer, number = more, growth * number
+            number *= growth
         return best
 
-    def _that_meet_the_peak(
-        self, tried: TimeSteps, response: Response, least: float, target: float
+    def _least(
+        self,
+        kind: Kind,
+        number: float,
+        response: Response,
+        figures: dict[str, tuple[float, float]],
+        target: float,
     ) -> TimeSteps:
-        """Return steps, at least so many times those that were tried, that miss little of the peak.
+        """Return the fewest steps that reach a target, or else as many as may be judged.
 
-        Equal steps meet it or not by chance, which hardly depends on the elements.
+        Equal steps meet the peak of the force or not by chance, which hardly depends on elements.
+
+        Args:
+            kind: Of the steps.
+            number: That was tried.
+            response: With these steps.
+            figures: Its errors and their orders.
+            target: Error of the steps.
         """
-        options, growth = [], least
-        while growth <= max(least, FAR):
-            number, errors = growth * tried.number, tried.errors
+        for growth in map(float, np.geomspace(1 / FAR, FAR, OPTIONS)):
             times, forces = response.times, response.forces
-            if tried.kind is equal_steps:
-                planned = program_of_case(equal_steps(self._trial, number)).milestones
+            if kind is equal_steps:
+                planned = program_of_case(equal_steps(self._trial, growth * number)).milestones
                 curve = CubicSpline(times + self._delay, forces)
                 times = np.array([milestone.time for milestone in planned])
                 forces = curve(times)
+            highest = scheme_of(self._trial).order
+            orders = {n: order if growth > 1 else highest for n, (_, order) in figures.items()}
+            errors = {n: e / growth ** orders[n] for n, (e, _) in figures.items()}
+            effort = growth * response.outcome.tangents
             missed = missed_peak(times, forces)
-            scaled = {name: e / growth**tried.order for name, e in errors.items()}
-            option = replace(
-                tried, number=number, errors=scaled, effort=growth * tried.effort, missed=missed
-            )
+            option = TimeSteps(kind, growth * number, errors, effort, orders, missed)
             if _reaches(option, target):
-                return option
-            options.append(option)
-            growth *= A_LITTLE
-        return min(options, key=lambda o: o.estimated_error)
+                break
+        return option
 
     def _response(self, kind: Kind, number: float) -> Response | None:
         """Return the response with so many times the first steps; None where it has no end."""
