@@ -312,17 +312,27 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_estimated(
         assert error < estimate < 0.01
 
 
-def test_the_peak_of_other_elements_comes_later_by_what_few_steps_tell() -> None:
+def test_steps_learn_how_the_response_with_other_elements_differs() -> None:
     """With finer elements the sheet is softer, and friction lets go later."""
     chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
     case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
     on = sheet(case)
-    delay = StepSearch(case, on, str).delay_of_peak(response_with_degree(case, on, 4), FEW)
+    search = StepSearch(case, on, str)
+    before = search.steps_for(0.01)
+    few = response_with_degree(case, on, 4)
+    search.learn(few, FEW)
+    after = search.steps_for(0.01)
     coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
     true = time_of_peak(fine.times, fine.forces) - time_of_peak(coarse.times, coarse.forces)
-    print(f"\n{1e3 * delay:.3g} ms, true {1e3 * true:.3g} ms")
-    assert delay == pytest.approx(true, rel=0.3)
+    print(f"\n{1e3 * search._delay:.3g} ms later, true {1e3 * true:.3g} ms")
+    assert search._delay == pytest.approx(true, rel=0.3)
     assert true > 0
+    ratio = coarse.figures[DISSIPATED] / fine.figures[DISSIPATED]
+    assert search._larger[DISSIPATED] == pytest.approx(ratio, rel=0.05)
+    assert ratio > 1.1
+    assert before is not None
+    assert after is not None
+    assert after.number >= before.number
 
 
 @pytest.mark.parametrize("factor", ["kept", "renewed"])

@@ -167,9 +167,9 @@ def plan(
     found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
         return replace(elements, start=found)
-    delay = search.delay_of_peak(elements.estimate.response, few)
+    search.learn(elements.estimate.response, few)
     more = max(STEPS_MARGIN * (case.accuracy - error), share * error / case.accuracy)
-    steps = search.steps_for(more, delay) or steps
+    steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
     reached = estimate.worst <= ALMOST * case.accuracy

@@ -140,31 +140,38 @@ class StepSearch:
                 first, and taken if they are enough.
             patience: Wall time of all trials after which one is given up, s.
         """
-        self._left, self._delay = patience, 0.0
+        self._left = patience
+        # How much later the force is largest with the elements of the run (s), and the figures of
+        # trials over those of the run: errors of steps are as large, but over smaller figures.
+        self._delay, self._larger = 0.0, dict[str, float]()
         self._trial, self._sheet, self._report = trial, sheet, report
         self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
 
-    def delay_of_peak(self, other: Response, share: float) -> float:
-        """Return how much later the force is largest in a response with other elements, s.
+    def learn(self, other: Response, share: float) -> None:
+        """Learn how the response of the elements of the run differs from trials; collective.
 
         Args:
-            other: The response, with a share of the usual steps.
+            other: The response with these elements, with a share of the usual steps.
             share: That share.
         """
         with suppress(StepFailedError, StabilityLostError):
             own = response_of(with_steps(self._trial, share), self._sheet)
-            return time_of_peak(other.times, other.forces) - time_of_peak(own.times, own.forces)
-        return 0.0
+            ends = time_of_peak(other.times, other.forces), time_of_peak(own.times, own.forces)
+            self._delay = ends[0] - ends[1]
+            self._larger = {
+                name: max(1.0, abs(own.figures[name] / value))
+                for name, value in other.figures.items()
+                if value
+            }
 
-    def steps_for(self, target: float, delay: float = 0.0) -> TimeSteps | None:
+    def steps_for(self, target: float) -> TimeSteps | None:
         """Return the steps that cost least, or None where none can be chosen; collective.
 
         Args:
             target: Error of the steps over the figures, on the safe side.
-            delay: Time by which the force is largest later than with the elements of trials, s.
         """
-        self._delay, (likely, number) = delay, self._known
+        likely, number = self._known
         kinds: list[Kind] = [] if has_fixed_steps(self._trial) else [equal_steps]
         if _measured(self._trial):
             kinds.append(adaptive_steps)
@@ -205,8 +212,12 @@ class StepSearch:
             known = [*(r for r in known if APART * r.count <= response.count), response]
             tangents, growth = response.outcome.tangents, 2.0
             if len(known) >= 3:
-                figures = StepRefinement(known[-3:], scheme_of(self._trial).order)
-                best = self._least(kind, number, response, figures.errors_and_orders(), target)
+                refinement = StepRefinement(known[-3:], scheme_of(self._trial).order)
+                figures = {
+                    name: (error * self._larger.get(name, 1.0), order)
+                    for name, (error, order) in refinement.errors_and_orders().items()
+                }
+                best = self._least(kind, number, response, figures, target)
                 if _reaches(best, target):
                     break
                 growth = min(max(best.number / number * best.lacking(target), FAR), FARTHEST)
