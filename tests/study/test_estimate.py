@@ -14,9 +14,9 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
     missed_peak,
+    peak_of_spline,
     prolongated,
     response_of,
-    time_of_peak,
     trial_of,
     with_elements,
     with_steps,
@@ -323,7 +323,9 @@ def test_steps_learn_how_the_response_with_other_elements_differs() -> None:
     search.learn(few, FEW)
     after = search.steps_for(0.01)
     coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
-    true = time_of_peak(fine.times, fine.forces) - time_of_peak(coarse.times, coarse.forces)
+    true = (
+        peak_of_spline(fine.times, fine.forces)[0] - peak_of_spline(coarse.times, coarse.forces)[0]
+    )
     print(f"\n{1e3 * search._delay:.3g} ms later, true {1e3 * true:.3g} ms")
     assert search._delay == pytest.approx(true, rel=0.3)
     assert true > 0

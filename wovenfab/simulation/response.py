@@ -61,10 +61,16 @@ def missed_peak(times: Array, forces: Array) -> float:
     return abs(peak_force_bound(times, forces)) / largest - 1 if largest else 0.0
 
 
-def time_of_peak(times: Array, forces: Array) -> float:
-    """Return when a spline through the forces of steps (N, shape (n,)) is largest in size, s."""
+def peak_of_spline(times: Array, forces: Array) -> tuple[float, float]:
+    """Return when a spline through the forces of steps is largest in size, s, and that size, N.
+
+    Args:
+        times: Of the steps, s, shape (n,).
+        forces: At the steps, N, shape (n,).
+    """
     between = np.linspace(times[0], times[-1], len(times) * BETWEEN)
-    return float(between[CubicSpline(times, np.abs(forces))(between).argmax()])
+    curve = CubicSpline(times, np.abs(forces))(between)
+    return float(between[curve.argmax()]), float(curve.max())
 
 
 def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:

@@ -33,6 +33,7 @@ from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.response import (
     Response,
+    peak_of_spline,
     prolongated,
     response_of,
     with_elements,
@@ -44,9 +45,10 @@ Array = NDArray[np.float64]
 #: r^l an energy converges like p^-4l (Babuska and Suri 1987), and l is 1/4 at least: where a
 #: clamped side of a cut meets its free one.
 SLOWEST, FASTEST = 1.0, 40.0
-#: Fastest convergence that is believed with set-valued friction. Where yarns begin to slide the
-#: solution has a kink, at fronts that cells do not follow; two degrees may agree by chance.
-FASTEST_SET_VALUED = 5.0
+#: Fastest convergence that is believed with set-valued and with other friction. Where yarns begin
+#: to slide the solution has a kink, or bends sharply, at fronts that cells do not follow; two
+#: degrees may agree by chance.
+FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
 #: Error of the highest degree over the last change, at least.
 UNCONFIRMED = 2 / 3
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
@@ -138,8 +140,9 @@ def error_and_order(
 
 def fastest_convergence(case: Case) -> float:
     """Return the largest exponent of convergence in the degree that is believed for a case."""
-    is_set_valued = any(entry.effect.set_valued for entry in case.scene)
-    return FASTEST_SET_VALUED if is_set_valued else FASTEST
+    if any(entry.effect.set_valued for entry in case.scene):
+        return FASTEST_SET_VALUED
+    return FASTEST_FRICTION if case.needs.history else FASTEST
 
 
 @dataclass(frozen=True)
@@ -206,14 +209,14 @@ class StepRefinement:
         """
         counts = [r.count for r in self.responses]
         values = {
-            PEAK: [r.peak_force_bound for r in self.responses],
+            PEAK: [peak_of_spline(r.times, r.forces)[1] for r in self.responses],
             DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
         }
         result = {}
         for name, value in self.responses[-1].figures.items():
             if value:
                 error, order = error_and_order(counts, values[name], self.highest)
-                result[name] = error / value, order
+                result[name] = error / abs(value), order
         return result
 
 

@@ -21,8 +21,8 @@ from wovenfab.simulation.response import (
     TooLongError,
     has_fixed_steps,
     missed_peak,
+    peak_of_spline,
     response_of,
-    time_of_peak,
     with_steps,
 )
 from wovenfab.stepping.program import program_of_case
@@ -157,8 +157,8 @@ class StepSearch:
         """
         with suppress(StepFailedError, StabilityLostError):
             own = response_of(with_steps(self._trial, share), self._sheet)
-            ends = time_of_peak(other.times, other.forces), time_of_peak(own.times, own.forces)
-            self._delay = ends[0] - ends[1]
+            late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
+            self._delay = late - early
             self._larger = {
                 name: max(1.0, abs(own.figures[name] / value))
                 for name, value in other.figures.items()
