@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.random_scenes import ACCURACY, Row, finer_case, scene, table
+from benchmarks.random_scenes import ACCURACY, SHORTER, Row, finer_case, scene, table
 from wovenfab.case import read_case
 
 
@@ -39,7 +39,7 @@ def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(
     finer = finer_case(read_case(resolved))
     assert finer.discretisation.degree == other
     assert finer.discretisation.mesh_size == pytest.approx(mesh_size)
-    assert finer.program[0].steps == 40
+    assert finer.program[0].steps == 20 * SHORTER
 
 
 def test_rows_tell_reached_accuracy_from_honesty() -> None:
