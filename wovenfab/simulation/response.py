@@ -165,11 +165,6 @@ class Response:
         """Number of steps after the initial state."""
         return len(self.steps) - 1
 
-    @property
-    def peak_force_bound(self) -> float:
-        """Force of largest size that the curve may reach, between steps, too, N."""
-        return peak_force_bound(self.times, self.forces)
-
 
 class TooLongError(RuntimeError):
     """A run was given up, because it took longer than it was allowed to."""

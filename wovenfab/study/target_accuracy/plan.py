@@ -44,9 +44,10 @@ logger = logging.getLogger(__name__)
 
 #: Share of the machine's memory that a run may take.
 MEMORY_SHARE = 0.6
-#: Share of the accuracy that steps may use, at least: finer cells cost more than more steps; and
-#: of what elements leave.
-STEPS_SHARE, STEPS_MARGIN = 0.25, 0.95
+#: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
+STEPS_SHARE = 0.25
+#: Share of what elements leave that steps may use in the end.
+STEPS_MARGIN = 0.95
 #: Share of the elements' error up to which the error of the few steps of trials changes nothing,
 #: so that these steps may be cut in some of the trials that are compared.
 HARMLESS = 0.1
@@ -152,7 +153,8 @@ def plan(
         left -= min(steps.estimated_error, share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left
-    elements = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut).run()
+    meshes = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut)
+    elements = meshes.run()
     if elements.reachable:
         able = f"about {100 * elements.reachable * case.accuracy / left:.2g} % can be asked for"
         elements = replace(elements, shortfall=f"{elements.shortfall}; {able}")
@@ -167,7 +169,7 @@ def plan(
     found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
         return replace(elements, start=found)
-    search.learn(elements.estimate.response, few)
+    search.learn(elements.estimate.response, meshes.share)
     more = max(STEPS_MARGIN * (case.accuracy - error), share * error / case.accuracy)
     steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
@@ -176,11 +178,7 @@ def plan(
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     found = replace(found, steps=(steps.words, steps.number))
     return replace(
-        elements,
-        case=steps.of(elements.case),
-        estimate=estimate,
-        shortfall=shortfall,
-        start=found,
+        elements, case=steps.of(elements.case), estimate=estimate, shortfall=shortfall, start=found
     )
 
 

@@ -155,8 +155,8 @@ class StepSearch:
             other: The response with these elements, with a share of the usual steps.
             share: That share.
         """
-        with suppress(StepFailedError, StabilityLostError):
-            own = response_of(with_steps(self._trial, share), self._sheet)
+        with suppress(StepFailedError, StabilityLostError, TooLongError):
+            own = response_of(with_steps(self._trial, share), self._sheet, seconds=self._left)
             late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
             self._delay = late - early
             self._larger = {

@@ -1,0 +1,113 @@
+"""Steps for an accuracy: their errors, and how trials choose their number."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.study.test_estimate import CYCLE, case_of, elements, sheet
+from wovenfab.case import Cycles, Ramp
+from wovenfab.simulation.response import (
+    missed_peak,
+    peak_of_spline,
+    response_of,
+    trial_of,
+    with_elements,
+    with_steps,
+)
+from wovenfab.study.target_accuracy.estimate import (
+    DISSIPATED,
+    FEW,
+    error_and_order,
+    response_with_degree,
+    worst,
+)
+from wovenfab.study.target_accuracy.time_steps import StepSearch
+
+
+@pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
+def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_schemes(
+    order: float,
+) -> None:
+    counts = 12, 22, 50
+    values = [4 + 3 * n**-order for n in counts]
+    error, shown = error_and_order(counts, values, 3)
+    assert error == pytest.approx(3 * 50**-order, rel=1e-6)
+    assert shown == pytest.approx(order, rel=1e-6)
+    error, shown = error_and_order(counts, values, 1.5)
+    assert error >= 3 * 50**-order * (1 - 1e-9)
+    assert shown <= 1.5
+    assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
+
+
+def test_steps_learn_how_the_response_with_other_elements_differs() -> None:
+    """With finer elements the sheet is softer, and friction lets go later."""
+    chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
+    case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
+    on = sheet(case)
+    search = StepSearch(case, on, str)
+    before = search.steps_for(0.01)
+    few = response_with_degree(case, on, 4)
+    search.learn(few, FEW)
+    after = search.steps_for(0.01)
+    coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
+    true = (
+        peak_of_spline(fine.times, fine.forces)[0] - peak_of_spline(coarse.times, coarse.forces)[0]
+    )
+    print(f"\n{1e3 * search._delay:.3g} ms later, true {1e3 * true:.3g} ms")
+    assert search._delay == pytest.approx(true, rel=0.3)
+    assert true > 0
+    ratio = coarse.figures[DISSIPATED] / fine.figures[DISSIPATED]
+    assert search._larger[DISSIPATED] == pytest.approx(ratio, rel=0.05)
+    assert ratio > 1.1
+    assert before is not None
+    assert after is not None
+    assert after.number >= before.number
+
+
+def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
+    """A ramp of few steps, whose first trials have the fewest that there are."""
+    ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
+    case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
+    lines: list[str] = []
+    chosen = StepSearch(trial_of(case, 0.05), sheet(case), lines.append).steps_for(0.05)
+    counts = [int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines]
+    assert counts[0] == counts[1] < counts[-1]
+    assert len(set(counts)) >= 3
+    assert chosen is not None
+    assert abs(worst(chosen.errors)) <= 0.05
+
+
+def test_equal_steps_are_whole_again_after_shorter_first_ones() -> None:
+    time = "time={scheme: bdf3, steps_per_cycle: 24, tolerance: 0.5}"
+    case = case_of("bias-1x3", CYCLE, time, elements(2, 0.15))
+    assert 24 < response_of(case, sheet(case)).count <= 28
+
+
+@pytest.mark.parametrize("target", [0.004, 0.001])
+def test_the_number_of_equal_steps_is_such_that_one_meets_the_peak(target: float) -> None:
+    case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), target)
+    search = StepSearch(case, sheet(case), str)
+    chosen = search.steps_for(target)
+    assert chosen is not None
+    assert chosen.words == "equal steps"
+    response = response_of(chosen.of(case), sheet(case))
+    missed = missed_peak(response.times, response.forces)
+    print(f"\n{response.count} steps: missed {missed:.2e}, expected {chosen.missed:.2e}")
+    assert missed < target
+    assert missed < 2 * chosen.missed + target / 20
+
+
+def test_steps_are_thinned_alike_in_all_segments() -> None:
+    cycles = "{type: cycles, amplitudes: [20 mm], frequency: 1 Hz}"
+    hold = "{type: hold, duration: 1 s, steps: 20}"
+    case = case_of("bias-1x3", "time.steps_per_cycle=80", f"program=[{cycles}, {hold}]")
+    assert case.planned_steps == 100
+    assert with_steps(case, 0.25).planned_steps == 25
+
+
+def test_where_nothing_depends_on_the_past_a_trial_is_the_way_to_the_largest_displacement() -> None:
+    elastic = case_of("bias-1x3", "effects.slip_friction=null", "program.amplitudes=[10 mm, 30 mm]")
+    (segment,) = trial_of(elastic, 1e-2).program
+    assert isinstance(segment, Ramp) and segment.to == pytest.approx(0.03)
+    (segment,) = trial_of(case_of("bias-1x3"), 1e-2).program
+    assert isinstance(segment, Cycles) and segment.amplitudes == (0.06,)
