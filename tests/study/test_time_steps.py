@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from tests.study.test_estimate import CYCLE, case_of, elements, sheet
-from wovenfab.case import Cycles, Ramp
+from tests.study.test_estimate import CONFIGS, CYCLE, case_of, elements, sheet
+from wovenfab.case import Cycles, Ramp, read_case
 from wovenfab.simulation.response import (
     missed_peak,
     peak_of_spline,
@@ -17,6 +17,8 @@ from wovenfab.simulation.response import (
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
+    DegreeRefinement,
+    Estimate,
     error_and_order,
     response_with_degree,
     worst,
@@ -39,15 +41,17 @@ def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_sch
     assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
 
 
-def test_steps_learn_how_the_response_with_other_elements_differs() -> None:
+@pytest.mark.parametrize("known", [True, False])
+def test_steps_learn_how_the_response_with_other_elements_differs(known: bool) -> None:
     """With finer elements the sheet is softer, and friction lets go later."""
     chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
     case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
     on = sheet(case)
     search = StepSearch(case, on, str)
     before = search.steps_for(0.01)
-    few = response_with_degree(case, on, 4)
-    search.learn(few, FEW)
+    mesh = on if known else sheet(case)  # on another mesh the trial of these steps is made anew
+    responses = tuple(response_with_degree(case, mesh, degree) for degree in (2, 3, 4))
+    search.learn(Estimate(DegreeRefinement((2, 3, 4), responses), 4), FEW)
     after = search.steps_for(0.01)
     coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
     true = (
@@ -62,6 +66,29 @@ def test_steps_learn_how_the_response_with_other_elements_differs() -> None:
     assert before is not None
     assert after is not None
     assert after.number >= before.number
+
+
+COULOMB = (
+    "effects.slip_friction={law: coulomb, strength: 1e5 N/m^2}",
+    "effects.spin_friction={law: coulomb, strength: 12.7 N/m}",
+)
+WEAR = CONFIGS.parent / "docs" / "examples" / "wear.yaml"
+
+
+@pytest.mark.parametrize("kind", ["smooth", "set-valued", "with a memory"])
+def test_a_model_that_was_run_gives_the_same_response_as_a_new_one(kind: str) -> None:
+    if kind == "with a memory":
+        case = trial_of(read_case(WEAR), 1e-3)
+    else:
+        more = COULOMB if kind == "set-valued" else ()
+        case = case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15), *more)
+    on = sheet(case)
+    few, more_steps = with_steps(case, 0.1), with_steps(case, 0.2)
+    new = response_of(more_steps, on)
+    again = response_of(more_steps, on, model=response_of(few, on).model)
+    assert list(again.forces) == list(new.forces)
+    assert list(again.dissipated) == list(new.dissipated)
+    assert new.figures[DISSIPATED] > 0
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:

@@ -176,6 +176,7 @@ def response_of(
     lower: Response | None = None,
     with_states: bool = False,
     seconds: float = inf,
+    model: Model | None = None,
 ) -> Response:
     """Return the response of a case; collective.
 
@@ -186,6 +187,7 @@ def response_of(
             guess of steps to the same times, which takes fewer tangents.
         with_states: Whether the response has its states.
         seconds: Wall time of the steps after which the run is given up.
+        model: That of a response to another program or to other steps, which loses its field.
 
     Raises:
         TooLongError: If that is over.
@@ -195,7 +197,7 @@ def response_of(
     every = case.time.tolerance is not None
     steps: list[Step] = []
     states: dict[float, Array] = {}
-    with Simulation(case, sheet) as simulation:
+    with Simulation(case, sheet, model=model) as simulation:
         field = simulation.model.field.x.array
         at_peak, largest = field.copy(), 0.0
         prolongation = None

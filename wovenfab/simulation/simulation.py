@@ -62,6 +62,7 @@ class Simulation:
         options: SolverOptions | None = None,
         solver: type[EquilibriumSolver] = EquilibriumSolver,
         step_size: Callable[[float], StepSizeControl] = StepSizeControl,
+        model: Model | None = None,
     ) -> None:
         """Compile a case; collective.
 
@@ -72,12 +73,17 @@ class Simulation:
             options: Of the solver, if not those of the case.
             solver: Another solver, for comparison.
             step_size: Another step size control, for comparison.
+            model: The compiled model of a case that differs in program and steps only; its state
+                is lost.
 
         Raises:
             CaseError: If an effect cannot be compiled or has no value, or PETSc cannot use an
                 option.
         """
-        model = model_of(case, sheet)
+        if model is None:
+            model = model_of(case, sheet)
+        else:
+            model.reset()
         require_memory(case, model.unknowns, model.comm)
         require_values(case, model)
         problem = Problem(model, constraints_of(case, model))

@@ -169,7 +169,7 @@ def plan(
     found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
         return replace(elements, start=found)
-    search.learn(elements.estimate.response, meshes.share)
+    search.learn(elements.estimate, meshes.share)
     more = max(STEPS_MARGIN * (case.accuracy - error), share * error / case.accuracy)
     steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)

@@ -14,6 +14,7 @@ from mpi4py import MPI
 from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
+from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import scheme_of
 from wovenfab.simulation.response import (
@@ -28,7 +29,13 @@ from wovenfab.simulation.response import (
 from wovenfab.stepping.program import program_of_case
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
-from wovenfab.study.target_accuracy.estimate import PEAK, SAFETY, StepRefinement, worst
+from wovenfab.study.target_accuracy.estimate import (
+    PEAK,
+    SAFETY,
+    Estimate,
+    StepRefinement,
+    worst,
+)
 
 log = logging.getLogger(__name__)
 
@@ -145,18 +152,22 @@ class StepSearch:
         # trials over those of the run: errors of steps are as large, but over smaller figures.
         self._delay, self._larger = 0.0, dict[str, float]()
         self._trial, self._sheet, self._report = trial, sheet, report
+        self._degree = trial.discretisation.degree
         self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
+        self._model: Model | None = None  # of all trials
 
-    def learn(self, other: Response, share: float) -> None:
+    def learn(self, estimate: Estimate, share: float) -> None:
         """Learn how the response of the elements of the run differs from trials; collective.
 
         Args:
-            other: The response with these elements, with a share of the usual steps.
+            estimate: Errors of these elements, from responses with a share of the usual steps.
             share: That share.
         """
+        other, own = estimate.response, estimate.refinement.responses[0]
         with suppress(StepFailedError, StabilityLostError, TooLongError):
-            own = response_of(with_steps(self._trial, share), self._sheet, seconds=self._left)
+            if own.model.sheet is not self._sheet or own.model.numerics.degree != self._degree:
+                own = self._run(with_steps(self._trial, share))
             late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
             self._delay = late - early
             self._larger = {
@@ -270,12 +281,18 @@ class StepSearch:
             response, start, comm = None, perf_counter(), self._sheet.mesh.comm
             with suppress(StepFailedError, StabilityLostError, TooLongError):
                 case = kind(self._trial, number)
-                response = response_of(case, self._sheet, seconds=self._left)
+                response = self._run(case)
                 tangents = response.outcome.tangents
                 self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
             self._left -= float(comm.allreduce(perf_counter() - start, op=MPI.MAX))
             self._tried[kind, number] = response
         return self._tried[kind, number]
+
+    def _run(self, case: Case) -> Response:
+        """Return the response of a case with the elements of trials; collective."""
+        response = response_of(case, self._sheet, seconds=self._left, model=self._model)
+        self._model = response.model
+        return response
 
 
 def _reaches(steps: TimeSteps, target: float) -> bool:
