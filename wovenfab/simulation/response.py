@@ -198,6 +198,7 @@ def response_of(
     steps: list[Step] = []
     states: dict[float, Array] = {}
     with Simulation(case, sheet, model=model) as simulation:
+        simulation.stepper.measures_energy = False  # no figure is made of it
         field = simulation.model.field.x.array
         at_peak, largest = field.copy(), 0.0
         prolongation = None

@@ -29,6 +29,7 @@ class TimeStepper:
 
     Attributes:
         begun: Whether the initial state has been reached.
+        measures_energy: Whether steps have the stored energies; they cost an integral each.
     """
 
     def __init__(
@@ -70,6 +71,7 @@ class TimeStepper:
         self._cutbacks = 0
         self._jump = False  # whether the velocity jumps where the next step begins
         self.begun = False
+        self.measures_energy = True
 
     @property
     def started(self) -> bool:
@@ -350,7 +352,7 @@ class TimeStepper:
             displacement=self._state.displacement,
             second=self._state.second,
             reactions=self._problem.constraints.reactions(balance.forces.force),
-            stored=self._problem.model.stored_energy(),
+            stored=self._problem.model.stored_energy() if self.measures_energy else {},
             dissipated=dict(balance.dissipated),
             work=balance.work,
             iterations=result.iterations if result else 0,
