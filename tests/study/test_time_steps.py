@@ -89,6 +89,7 @@ def test_a_model_that_was_run_gives_the_same_response_as_a_new_one(kind: str) ->
     assert list(again.forces) == list(new.forces)
     assert list(again.dissipated) == list(new.dissipated)
     assert new.figures[DISSIPATED] > 0
+    assert not any(step.stored for step in again.steps)
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:

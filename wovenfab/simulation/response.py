@@ -120,7 +120,7 @@ class Response:
     """The response of a case at its planned times, or at all times where steps adapt.
 
     Attributes:
-        steps: The initial state and the steps at these times.
+        steps: The initial state and the steps at these times, without stored energies.
         outcome: Effort of all steps.
         seconds: Wall time of the steps on this rank.
         model: The model, whose field is that of the largest force.
