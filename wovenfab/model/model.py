@@ -130,12 +130,6 @@ class Model:
         kinds = [kind for form in forms for kind in form.integral_types]
         return kinds.count(IntegralType.interior_facet)
 
-    def reset(self) -> None:
-        """Return to the reference state, at rest and without stress of friction."""
-        stresses = [f for p in self.point_frictions for f in (p.stress, p.tangent)]
-        for function in (self.field, self.last, *self.history, *stresses):
-            function.x.array[:] = 0.0
-
     def shares(self, forms: Sum, names: Sequence[str]) -> dict[str, float]:
         """Return each named effect's share of weighted scalar forms (J or W)."""
         result = {}

@@ -74,7 +74,7 @@ class Simulation:
             solver: Another solver, for comparison.
             step_size: Another step size control, for comparison.
             model: The compiled model of a case that differs in program and steps only; its state
-                is lost.
+                is lost, for stepping begins at that of reference.
 
         Raises:
             CaseError: If an effect cannot be compiled or has no value, or PETSc cannot use an
@@ -82,10 +82,8 @@ class Simulation:
         """
         if model is None:
             model = model_of(case, sheet)
-        else:
-            model.reset()
-        require_memory(case, model.unknowns, model.comm)
-        require_values(case, model)
+            require_memory(case, model.unknowns, model.comm)
+            require_values(case, model)
         problem = Problem(model, constraints_of(case, model))
         self.case, self.program = case, program_of_case(case)
         try:

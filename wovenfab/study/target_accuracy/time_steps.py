@@ -152,7 +152,6 @@ class StepSearch:
         # trials over those of the run: errors of steps are as large, but over smaller figures.
         self._delay, self._larger = 0.0, dict[str, float]()
         self._trial, self._sheet, self._report = trial, sheet, report
-        self._degree = trial.discretisation.degree
         self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
         self._model: Model | None = None  # of all trials
@@ -166,7 +165,8 @@ class StepSearch:
         """
         other, own = estimate.response, estimate.refinement.responses[0]
         with suppress(StepFailedError, StabilityLostError, TooLongError):
-            if own.model.sheet is not self._sheet or own.model.numerics.degree != self._degree:
+            degree = self._trial.discretisation.degree
+            if own.model.sheet is not self._sheet or own.model.numerics.degree != degree:
                 own = self._run(with_steps(self._trial, share))
             late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
             self._delay = late - early
