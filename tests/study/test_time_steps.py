@@ -7,6 +7,7 @@ import pytest
 from tests.study.test_estimate import CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Cycles, Ramp, read_case
 from wovenfab.simulation.response import (
+    TooLongError,
     missed_peak,
     peak_of_spline,
     response_of,
@@ -23,7 +24,7 @@ from wovenfab.study.target_accuracy.estimate import (
     response_with_degree,
     worst,
 )
-from wovenfab.study.target_accuracy.time_steps import StepSearch
+from wovenfab.study.target_accuracy.time_steps import StepSearch, adaptive_steps
 
 
 @pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
@@ -90,6 +91,17 @@ def test_a_model_that_was_run_gives_the_same_response_as_a_new_one(kind: str) ->
     assert list(again.dissipated) == list(new.dissipated)
     assert new.figures[DISSIPATED] > 0
     assert not any(step.stored for step in again.steps)
+
+
+def test_a_trial_is_given_up_once_its_steps_take_more_tangents_than_another_kind_needs() -> None:
+    case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), 1e-3)
+    lines, on = list[str](), sheet(case)
+    search = StepSearch(case, on, lines.append)
+    assert search._enough(adaptive_steps, 0.001, least=10, number=0.5) is None
+    assert search._enough(adaptive_steps, 0.001, least=20, number=1) is None
+    assert not lines  # no trial got to its end, and none of more steps was begun
+    with pytest.raises(TooLongError, match=r"more than 10 tangents in [1-9] steps"):
+        response_of(case, on, tangents=10)
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:

@@ -176,6 +176,7 @@ def response_of(
     lower: Response | None = None,
     with_states: bool = False,
     seconds: float = inf,
+    tangents: float = inf,
     model: Model | None = None,
 ) -> Response:
     """Return the response of a case; collective.
@@ -187,10 +188,11 @@ def response_of(
             guess of steps to the same times, which takes fewer tangents.
         with_states: Whether the response has its states.
         seconds: Wall time of the steps after which the run is given up.
+        tangents: Number of tangents after which it is, too.
         model: That of a response to another program or to other steps, which loses its field.
 
     Raises:
-        TooLongError: If that is over.
+        TooLongError: If it is given up.
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
@@ -210,6 +212,8 @@ def response_of(
             nonlocal at_peak, largest
             if simulation.comm.allreduce(perf_counter() - start, op=MPI.MAX) > seconds:
                 raise TooLongError(f"more than {seconds:.0f} s after {step.number} steps")
+            if simulation.outcome.tangents > tangents:
+                raise TooLongError(f"more than {tangents:.0f} tangents in {step.number} steps")
             if step.milestone is None and not every:
                 return
             if abs(step.force) > largest:

@@ -154,6 +154,7 @@ class StepSearch:
         self._trial, self._sheet, self._report = trial, sheet, report
         self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
+        self._given_up = set[Kind]()  # of which more steps take too long
         self._model: Model | None = None  # of all trials
 
     def learn(self, estimate: Estimate, share: float) -> None:
@@ -208,8 +209,9 @@ class StepSearch:
     def _enough(self, kind: Kind, target: float, least: float, number: float) -> TimeSteps | None:
         """Return how many steps of a kind are enough.
 
-        None where none can be made, or where they would take more tangents than ``least``. The
-        first trial has ``number`` times the first steps.
+        None where none can be made, or where they would take more tangents than ``least``: a trial
+        that takes too many for that is given up. The first trial has ``number`` times the first
+        steps.
         """
         best = None
         tried = {n: r for (k, n), r in self._tried.items() if k is kind and r}
@@ -217,7 +219,11 @@ class StepSearch:
         if known:
             number = max(tried)
         for _ in range(TRIALS):
-            if (response := self._response(kind, number)) is None:
+            # The third trial may be judged, and be a multiple of what is enough.
+            most = least * FAR if len(known) >= 2 else least / DEARER
+            if (response := self._response(kind, number, most)) is None:
+                if kind in self._given_up:
+                    break
                 known, number = [], 2 * number
                 continue
             known = [*(r for r in known if APART * r.count <= response.count), response]
@@ -275,22 +281,29 @@ class StepSearch:
                 break
         return option
 
-    def _response(self, kind: Kind, number: float) -> Response | None:
-        """Return the response with so many times the first steps; None where it has no end."""
-        if (kind, number) not in self._tried:
+    def _response(self, kind: Kind, number: float, most: float) -> Response | None:
+        """Return the response with so many times the first steps; None where it has no end.
+
+        It is given up after so many tangents, ``most``.
+        """
+        if (kind, number) not in self._tried and kind not in self._given_up:
             response, start, comm = None, perf_counter(), self._sheet.mesh.comm
-            with suppress(StepFailedError, StabilityLostError, TooLongError):
-                case = kind(self._trial, number)
-                response = self._run(case)
-                tangents = response.outcome.tangents
-                self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
+            with suppress(StepFailedError, StabilityLostError):
+                try:
+                    response = self._run(kind(self._trial, number), most)
+                    tangents = response.outcome.tangents
+                    self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
+                except TooLongError:
+                    self._given_up.add(kind)
             self._left -= float(comm.allreduce(perf_counter() - start, op=MPI.MAX))
             self._tried[kind, number] = response
-        return self._tried[kind, number]
+        return self._tried.get((kind, number))
 
-    def _run(self, case: Case) -> Response:
+    def _run(self, case: Case, most: float = inf) -> Response:
         """Return the response of a case with the elements of trials; collective."""
-        response = response_of(case, self._sheet, seconds=self._left, model=self._model)
+        response = response_of(
+            case, self._sheet, seconds=self._left, tangents=most, model=self._model
+        )
         self._model = response.model
         return response
 
