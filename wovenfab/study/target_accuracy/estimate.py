@@ -49,8 +49,9 @@ SLOWEST, FASTEST = 1.0, 40.0
 #: to slide the solution has a kink, or bends sharply, at fronts that cells do not follow; two
 #: degrees may agree by chance.
 FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
-#: Error of the highest degree over the last change, at least.
-UNCONFIRMED = 2 / 3
+#: Error of the highest degree over the last change, at least, where values have a trend and where
+#: they have none: with friction one degree may be too soft and the next one too stiff.
+UNCONFIRMED, WITHOUT_TREND = 2 / 3, 1.5
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
@@ -104,7 +105,7 @@ def error_of_degree(
     """Return the signed error of the value from one of three degrees, on the safe side.
 
     No higher degree confirms the highest one: its error is at least two thirds of the last
-    change, and all of that if there is no trend.
+    change, and one and a half times that if there is no trend.
 
     Args:
         degrees: Three degrees, one after another.
@@ -116,7 +117,8 @@ def error_of_degree(
     if degree < max(degrees):
         return error
     first, second = values[0] - values[1], values[1] - values[2]
-    return max(error, second * UNCONFIRMED if first * second > 0 else second, key=abs)
+    least = UNCONFIRMED if first * second > 0 else WITHOUT_TREND
+    return max(error, least * second, key=abs)
 
 
 def error_and_order(
