@@ -82,7 +82,7 @@ def test_the_limit_of_a_sequence_of_degrees(rate: float) -> None:
     [
         pytest.param([10 + 4 * p**-2.0 for p in (2, 3, 4)], 4 / 4**2, id="slow: the trend's"),
         pytest.param([10.5, 10.01, 10.0], 0.02 / 3, id="fast: two thirds of the last change"),
-        pytest.param([10.0, 10.01, 10.0], 0.015, id="no trend: more than the last change"),
+        pytest.param([10.0, 10.01, 10.0], 0.02, id="no trend: twice the last change"),
     ],
 )
 def test_the_highest_degree_is_believed_no_more_than_its_change(

@@ -51,7 +51,7 @@ SLOWEST, FASTEST = 1.0, 40.0
 FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
 #: Error of the highest degree over the last change, at least, where values have a trend and where
 #: they have none: with friction one degree may be too soft and the next one too stiff.
-UNCONFIRMED, WITHOUT_TREND = 2 / 3, 1.5
+UNCONFIRMED, WITHOUT_TREND = 2 / 3, 2.0
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
@@ -105,7 +105,7 @@ def error_of_degree(
     """Return the signed error of the value from one of three degrees, on the safe side.
 
     No higher degree confirms the highest one: its error is at least two thirds of the last
-    change, and one and a half times that if there is no trend.
+    change, and twice that if there is no trend.
 
     Args:
         degrees: Three degrees, one after another.
