@@ -105,7 +105,7 @@ def error_of_degree(
     """Return the signed error of the value from one of three degrees, on the safe side.
 
     No higher degree confirms the highest one: its error is at least two thirds of the last
-    change, and twice that if there is no trend.
+    change, and twice the last change if there is no trend.
 
     Args:
         degrees: Three degrees, one after another.

@@ -288,13 +288,14 @@ class StepSearch:
         """
         if (kind, number) not in self._tried and kind not in self._given_up:
             response, start, comm = None, perf_counter(), self._sheet.mesh.comm
-            with suppress(StepFailedError, StabilityLostError):
-                try:
-                    response = self._run(kind(self._trial, number), most)
-                    tangents = response.outcome.tangents
-                    self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
-                except TooLongError:
-                    self._given_up.add(kind)
+            try:
+                response = self._run(kind(self._trial, number), most)
+                tangents = response.outcome.tangents
+                self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
+            except TooLongError:
+                self._given_up.add(kind)
+            except (StepFailedError, StabilityLostError):
+                pass  # with more steps it may get to its end
             self._left -= float(comm.allreduce(perf_counter() - start, op=MPI.MAX))
             self._tried[kind, number] = response
         return self._tried.get((kind, number))
