@@ -6,6 +6,7 @@ import ctypes
 import os
 import pickle
 import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -71,6 +72,38 @@ def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
     made: list[T] = []
     on_root(comm, lambda: made.append(make()))
     return made[0] if made else elsewhere
+
+
+def by_first[T](
+    comm: MPI.Comm, make: Callable[[], T], meanwhile: Callable[[], object] | None = None
+) -> T:
+    """Return what rank 0 makes alone, on every rank; collective.
+
+    The other ranks do something else meanwhile. What any rank raises is raised on every one.
+    """
+    made: list[T] = []
+    problem: Exception | None = None
+    try:
+        if comm.rank == 0:
+            made.append(make())
+        elif meanwhile is not None:
+            meanwhile()
+    except Exception as error:
+        problem = error
+    wait_asleep(comm)
+    agree(comm, problem)
+    found: T = comm.bcast(made)[0]
+    return found
+
+
+def wait_asleep(comm: MPI.Comm) -> None:
+    """Wait for all ranks; collective.
+
+    MPI's own waiting would keep a processor busy that the compiler of another rank could use.
+    """
+    request = comm.Ibarrier()
+    while not request.Test():
+        time.sleep(0.02)
 
 
 def child_environment() -> dict[str, str]:

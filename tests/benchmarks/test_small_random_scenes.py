@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.random_scenes import FIGURES, MORE, finer_case, scene
-from tests.study.test_estimate import sheet
+from tests.study.test_estimate import ALONE, sheet
 from wovenfab.case import read_case
 from wovenfab.simulation.response import response_of
 from wovenfab.study.target_accuracy.plan import plan
@@ -20,7 +20,7 @@ ESTIMATE = 1.25
 @pytest.mark.parametrize("number", [3, 10, 24, 32, 36, 37, 39, 40, 43, 47, 49, 51])
 def test_an_accuracy_is_reached_and_the_stated_error_is_honest(number: int, tmp_path: Path) -> None:
     case = read_case(scene(number, SEED, tmp_path, ACCURACY))
-    chosen = plan(case, sheet, lambda text: None)
+    chosen = plan(case, ALONE, lambda text: None)
     assert not chosen.shortfall and chosen.estimate is not None
     resolved = tmp_path / "case.yaml"
     resolved.write_text(chosen.case.to_yaml(), encoding="utf-8")

@@ -11,9 +11,16 @@ from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
 from wovenfab.simulation.from_case import model_of, sheet_of
-from wovenfab.simulation.response import Response, prolongated, response_of, with_elements
+from wovenfab.simulation.response import (
+    Response,
+    prolongated,
+    response_of,
+    trial_of,
+    with_elements,
+)
 from wovenfab.study.target_accuracy.estimate import ERRORS, error_shares, write_errors
 from wovenfab.study.target_accuracy.plan import Plan, plan
+from wovenfab.study.target_accuracy.time_steps import StepSearch
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -29,7 +36,7 @@ THERE_AND_BACK = "[{to: 20 mm, RAMP}, {to: 0 mm, RAMP}]".replace(
 def answer(case: Case, comm: MPI.Comm) -> tuple[Plan, Response, list[str]]:
     """Return the plan, the run with it and the messages on the way."""
     messages: list[str] = []
-    planned = plan(case, lambda c: sheet_of(c, comm), messages.append)
+    planned = plan(case, comm, messages.append)
     return planned, response_of(planned.case, planned.sheet), messages
 
 
@@ -53,7 +60,7 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     case = read_case(CONFIGS / f"{name}.yaml", overrides)
     together, trace, messages = answer(case, COMM)
     alone, expected, messages_alone = answer(case, ALONE)
-    assert messages == messages_alone
+    assert COMM.bcast(messages) == COMM.bcast(messages_alone)  # the first rank's have the steps
     assert together.shortfall == alone.shortfall == ""
     assert together.case == alone.case
     assert trace.model.unknowns == expected.model.unknowns
@@ -62,7 +69,7 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     assert trace.forces == pytest.approx(expected.forces, abs=SAME * abs(expected.forces).max())
     errors = relative(together)
     assert errors == pytest.approx(relative(alone), abs=ALIKE)
-    assert COMM.allgather((messages, errors)) == [(messages, errors)] * COMM.size
+    assert COMM.allgather(errors) == [errors] * COMM.size
 
     shared = Path(COMM.bcast(str(tmp_path)))
     assert together.estimate is not None and alone.estimate is not None
@@ -77,6 +84,23 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     own, whole = (error_shares(*p.estimate.models) for p in (together, alone))
     gathered = np.concatenate(COMM.allgather(own))
     assert np.sort(gathered) == pytest.approx(np.sort(whole), abs=SAME)
+
+
+def test_steps_are_chosen_by_the_first_rank_as_by_one_while_others_do_something_else() -> None:
+    case = read_case(
+        CONFIGS / "bias-1x3.yaml",
+        ["program={type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}", "time=null"],
+    )
+    trial = trial_of(with_elements(case, degree=2, mesh_size=0.15), 0.05)
+    lines: list[str] = []
+    others: list[int] = []
+    chosen = StepSearch(trial, COMM, lines.append).steps_for(0.05, lambda: others.append(COMM.rank))
+    alone = StepSearch(trial, ALONE, str).steps_for(0.05)
+    assert chosen is not None and alone is not None
+    assert (chosen.words, chosen.number, chosen.effort) == (alone.words, alone.number, alone.effort)
+    assert chosen.errors == pytest.approx(alone.errors, rel=1e-9)
+    assert bool(lines) == (COMM.rank == 0)
+    assert others == [COMM.rank][: COMM.rank]
 
 
 @pytest.mark.parametrize("angle", [45, 35])

@@ -18,6 +18,7 @@ from tests import scenes
 from wovenfab.case import read_case
 from wovenfab.compat import NOT_FINITE
 from wovenfab.model.model import Model, Numerics
+from wovenfab.parallel import by_first
 from wovenfab.sheet.geometry_file import GeometryFile, from_file
 from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
@@ -237,6 +238,22 @@ def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(tmp_path: Pat
     path = COMM.bcast(tmp_path / "missing.geo")
     with pytest.raises(GeometryError, match=r"missing\.geo"):
         from_file(COMM, GeometryFile(path), None)
+
+
+def test_what_the_first_rank_makes_and_what_any_rank_raises_is_the_same_on_all() -> None:
+    done: list[int] = []
+    made = by_first(COMM, lambda: (COMM.rank, done.append(0)), lambda: done.append(COMM.rank))
+    assert made == (0, None)
+    assert done == [COMM.rank]
+    assert by_first(COMM, lambda: COMM.rank) == 0
+
+    def fail() -> None:
+        raise ValueError(f"by rank {COMM.rank}")
+
+    with pytest.raises(ValueError, match="by rank 0"):
+        by_first(COMM, fail, fail)
+    with pytest.raises(ValueError, match="by rank 1"):
+        by_first(COMM, lambda: None, fail)
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:

@@ -40,6 +40,7 @@ from wovenfab.study.target_accuracy.plan import plan
 from wovenfab.study.target_accuracy.trials import Limits
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+ALONE = MPI.COMM_SELF
 #: Between these an estimate over the true error is useful.
 LEAST, MOST = 0.5, 3.0
 
@@ -49,7 +50,7 @@ def case_of(name: str, *overrides: str) -> Case:
 
 
 def sheet(case: Case) -> Sheet:
-    return sheet_of(case, MPI.COMM_SELF)
+    return sheet_of(case, ALONE)
 
 
 def estimated(case: Case, share: float = FEW) -> Estimate:
@@ -236,7 +237,7 @@ def test_a_plan_reaches_its_accuracy_and_logs_its_choices(
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    chosen = plan(case, sheet, lambda text: None)
+    chosen = plan(case, ALONE, lambda text: None)
     assert chosen.estimate is not None
     assert not chosen.shortfall
     force = response_of(chosen.case, chosen.sheet).figures["peak_force_N"]
@@ -260,7 +261,7 @@ def test_what_memory_or_time_do_not_allow_is_reported_with_the_best(
         "discretisation=null",
         "program={type: ramp, to: 20 mm, steps: 8}",
     )
-    chosen = plan(case, sheet, lambda text: None, limits)
+    chosen = plan(case, ALONE, lambda text: None, limits)
     assert reason in chosen.shortfall
     assert chosen.estimate is not None
     assert chosen.estimate.worst > 1e-5
@@ -278,7 +279,7 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_estimated(
     name: str, force: float, dissipated: float
 ) -> None:
     case = case_of(name, "accuracy=1 %", "discretisation=null", "time=null", CYCLE)
-    chosen = plan(case, sheet, lambda text: None)
+    chosen = plan(case, ALONE, lambda text: None)
     assert not chosen.shortfall
     assert chosen.estimate is not None
     assert chosen.estimate.worst < 0.01

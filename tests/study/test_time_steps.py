@@ -6,7 +6,7 @@ from math import inf
 
 import pytest
 
-from tests.study.test_estimate import CONFIGS, CYCLE, case_of, elements, sheet
+from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Cycles, Ramp, read_case
 from wovenfab.simulation.response import (
     TooLongError,
@@ -50,7 +50,7 @@ def test_steps_learn_how_the_response_with_other_elements_differs(known: bool) -
     chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
     case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
     on = sheet(case)
-    search = StepSearch(case, on, str)
+    search = StepSearch(case, ALONE, str)
     before = search.steps_for(0.01)
     mesh = on if known else sheet(case)  # on another mesh the trial of these steps is made anew
     responses = tuple(response_with_degree(case, mesh, degree) for degree in (2, 3, 4))
@@ -98,7 +98,7 @@ def test_a_model_that_was_run_gives_the_same_response_as_a_new_one(kind: str) ->
 def test_a_trial_is_given_up_once_its_steps_take_more_tangents_than_another_kind_needs() -> None:
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), 1e-3)
     lines, on = list[str](), sheet(case)
-    search = StepSearch(case, on, lines.append)
+    search = StepSearch(case, ALONE, lines.append)
     assert search._enough(adaptive_steps, 0.001, least=10, number=0.5) is None
     assert search._enough(adaptive_steps, 0.001, least=inf, number=1) is None
     assert not lines  # no trial got to its end, and none of more steps was begun
@@ -111,7 +111,7 @@ def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:
     ramp = "{type: ramp, to: 5 mm, duration: 0.1 s, steps: 8}"
     case = case_of("bias-1x3", f"program={ramp}", elements(2, 0.15), "time=null")
     lines: list[str] = []
-    chosen = StepSearch(trial_of(case, 0.05), sheet(case), lines.append).steps_for(0.05)
+    chosen = StepSearch(trial_of(case, 0.05), ALONE, lines.append).steps_for(0.05)
     counts = [int(t.split(",")[0].removeprefix("equal steps: ")) for t in lines]
     assert counts[0] == counts[1] < counts[-1]
     assert len(set(counts)) >= 3
@@ -128,7 +128,7 @@ def test_equal_steps_are_whole_again_after_shorter_first_ones() -> None:
 @pytest.mark.parametrize("target", [0.004, 0.001])
 def test_the_number_of_equal_steps_is_such_that_one_meets_the_peak(target: float) -> None:
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), target)
-    search = StepSearch(case, sheet(case), str)
+    search = StepSearch(case, ALONE, str)
     chosen = search.steps_for(target)
     assert chosen is not None
     assert chosen.words == "equal steps"

@@ -11,7 +11,6 @@ import fcntl
 import hashlib
 import os
 import platform
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
@@ -32,7 +31,7 @@ from scipy import sparse
 from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map
-from wovenfab.parallel import agree
+from wovenfab.parallel import agree, wait_asleep
 
 #: A sum of compiled forms; the first one lives on the space of all placements.
 Sum = tuple[fem.Form, ...]
@@ -217,8 +216,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
     """Put kernels into the cache, each rank its share; collective.
 
     No two ranks compile the same kernel: FFCx would let one wait for the other in steps of a
-    second. The ranks that have less to do wait asleep: MPI's own waiting would keep a processor
-    busy that the compiler of another rank could use.
+    second.
     """
     problem = None
     options = {"scalar_type": default_scalar_type}
@@ -227,7 +225,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
             _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, options, jit_options()))
     except Exception as error:
         problem = error
-    _wait_asleep(comm)
+    wait_asleep(comm)
     agree(comm, problem)
 
 
@@ -277,12 +275,6 @@ def compile_sums(sums: Mapping[str, Sequence[Any]], comm: MPI.Comm) -> dict[str,
     """Return sums of forms compiled under their names; collective."""
     compiled = iter(compile_forms([form for forms in sums.values() for form in forms], comm))
     return {name: tuple(next(compiled) for _ in forms) for name, forms in sums.items()}
-
-
-def _wait_asleep(comm: MPI.Comm) -> None:
-    request = comm.Ibarrier()
-    while not request.Test():
-        time.sleep(0.02)
 
 
 def compile_expression(expression: Any, points: NDArray[np.float64]) -> fem.Expression:

@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
@@ -59,19 +60,20 @@ def choose(
         progress: Gets what is being done.
     """
     assert case.accuracy is not None
-    sheets = {(case.discretisation.mesh_size, case.discretisation.graded): sheet}
+    d, together = case.discretisation, sheet.mesh.comm
+    sheets = {(d.mesh_size, d.graded, together.size): sheet}
 
-    def mesher(trial: Case) -> Sheet:
-        cells = (trial.discretisation.mesh_size, trial.discretisation.graded)
+    def mesher(trial: Case, comm: MPI.Comm) -> Sheet:
+        cells = (trial.discretisation.mesh_size, trial.discretisation.graded, comm.size)
         if cells not in sheets:
-            sheets[cells] = sheet_of(trial, sheet.mesh.comm)
+            sheets[cells] = sheet_of(trial, comm)
         return sheets[cells]
 
     path = Path(text) if (text := os.environ.get(CHOICES)) else None
-    start = known_start(case, path) if path and sheet.mesh.comm.rank == 0 else Start()
-    chosen = plan(case, mesher, progress, start=sheet.mesh.comm.bcast(start))
+    start = known_start(case, path) if path and together.rank == 0 else Start()
+    chosen = plan(case, together, progress, start=together.bcast(start), mesher=mesher)
     if path and not chosen.shortfall:
-        on_root(sheet.mesh.comm, lambda: remember(case, chosen.start, path))
+        on_root(together, lambda: remember(case, chosen.start, path))
     d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     graded = " on a graded mesh" if d.graded else ""

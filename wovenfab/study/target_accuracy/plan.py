@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import inf
 from time import perf_counter
 
@@ -13,7 +14,7 @@ from mpi4py import MPI
 from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import follows_fibres
+from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import memory, memory_of_machine
 from wovenfab.simulation.response import (
     Response,
@@ -34,10 +35,16 @@ from wovenfab.study.target_accuracy.estimate import (
 from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
 from wovenfab.study.target_accuracy.trials import (
     Limits,
+    Mesher,
     Trial,
+    compile_ahead,
+    could_stick,
+    has_free_size,
     next_cells,
     out_of_reach,
     over_limits,
+    shorter_side,
+    with_cells,
 )
 
 logger = logging.getLogger(__name__)
@@ -66,8 +73,6 @@ MUCH = 4.0
 #: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
 #: middle and the highest one.
 DEGREES = (2, 3, 4, 5)
-
-Mesher = Callable[[Case], Sheet]
 
 
 @dataclass(frozen=True)
@@ -110,10 +115,11 @@ class Plan:
 
 def plan(
     case: Case,
-    mesher: Mesher,
+    comm: MPI.Comm,
     report: Report,
     limits: Limits | None = None,
     start: Start = Start(),
+    mesher: Mesher = sheet_of,
 ) -> Plan:
     """Return elements and steps for the accuracy of a case; collective.
 
@@ -123,11 +129,12 @@ def plan(
 
     Args:
         case: A case with an accuracy.
-        mesher: Returns the sheet of a case.
+        comm: The ranks.
         report: Called with a line on each trial.
         limits: Of memory and time; a share of the machine's memory, and the longer the smaller
             the accuracy, if None.
         start: Where the search starts.
+        mesher: Returns the sheet of a case.
     """
     assert case.accuracy is not None
     time = case.time
@@ -136,7 +143,7 @@ def plan(
     if not case.needs.history:
         time = time.model_copy(update={"steps_per_cycle": WITHOUT_ERROR})
     base = case.model_copy(update={"accuracy": None, "time": time})
-    sheet = mesher(base)
+    sheet = mesher(base, comm)
     if limits is None:
         least, most = PATIENCE
         seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
@@ -145,11 +152,12 @@ def plan(
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
     search, steps, error_of_few = None, None, 0.0
     if base.needs.history:
-        coarse = with_elements(base, mesh_size=shorter_side(sheet) / COARSEST, degree=2)
-        coarse, coarse_sheet = meshed(coarse, mesher, sheet)
+        coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
         coarse, wait = trial_of(coarse, share), limits.patience
-        search = StepSearch(coarse, coarse_sheet, report, start.steps, wait)
-        steps = search.steps_for(share)
+        search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
+        later = [d for d in (start.degree + i for i in (-1, 0, 1)) if d in DEGREES[1:]]
+        mine = later[comm.rank - 1 :: max(1, comm.size - 1)]
+        steps = search.steps_for(share, partial(compile_ahead, coarse, mesher, mine))
         left -= min(steps.estimated_error, share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left
@@ -223,8 +231,8 @@ class _MeshSearch:
         while True:
             start = perf_counter()
             size = shorter_side(self.sheet) / cells
-            trial = with_elements(self.case, mesh_size=size, graded=self.graded)
-            trial, sheet = meshed(trial, self.mesher, self.sheet)
+            trial = with_cells(self.case, size, graded=self.graded)
+            sheet = self.mesher(trial, self.sheet.mesh.comm)
             unknowns = _unknowns(trial, sheet, DEGREES[2])
             if need := over_limits(unknowns, trials, self.limits):
                 reason = f"the next finer elements have {need}, more than allowed"
@@ -257,7 +265,7 @@ class _MeshSearch:
         logger.info("elements: accuracy not reached: %s", reason)
         if self.best is None:
             case = with_elements(self.case, degree=DEGREES[1])
-            return Plan(case, self.mesher(self.case), None, failure or reason)
+            return Plan(case, self.sheet, None, failure or reason)
         return replace(self.best, shortfall=reason, reachable=reachable)
 
     def _grade(self, spent: float) -> None:
@@ -357,36 +365,6 @@ class _MeshSearch:
         if anew or best is None or best.estimate is None or error < best.estimate.worst:
             self.best = Plan(case, sheet, estimate)
         return error
-
-
-def meshed(case: Case, mesher: Mesher, sheet: Sheet) -> tuple[Case, Sheet]:
-    """Return a case and its sheet; a mesh that was given stays as it is."""
-    if not has_free_size(case):
-        return with_elements(case, mesh_size=None), sheet
-    return case, mesher(case)
-
-
-def has_free_size(case: Case) -> bool:
-    """Return whether the size of the cells can be chosen."""
-    return not str(getattr(case.sheet, "file", "")).endswith(".msh")
-
-
-def could_stick(case: Case) -> bool:
-    """Return whether two placements could act as one, on a mesh that can be graded."""
-    effects = [entry.effect for entry in case.scene]
-    sticks = any(e.set_valued and e.needs.placements == 2 for e in effects)
-    return sticks and follows_fibres(case)
-
-
-def shorter_side(sheet: Sheet) -> float:
-    """Return the shorter side of a sheet's bounding box, m; collective."""
-    x, comm = sheet.mesh.geometry.x, sheet.mesh.comm
-    sides = [
-        comm.allreduce(float(x[:, i].max()), op=MPI.MAX)
-        - comm.allreduce(float(x[:, i].min()), op=MPI.MIN)
-        for i in (0, 1)
-    ]
-    return float(min(sides))
 
 
 def _slowest(sheet: Sheet, seconds: float) -> float:

@@ -6,6 +6,7 @@ import logging
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property, partial
 from math import inf
 from time import perf_counter
 
@@ -15,8 +16,9 @@ from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
 from wovenfab.model.model import Model
+from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import scheme_of
+from wovenfab.simulation.from_case import scheme_of, sheet_of
 from wovenfab.simulation.response import (
     Response,
     TooLongError,
@@ -36,6 +38,7 @@ from wovenfab.study.target_accuracy.estimate import (
     StepRefinement,
     worst,
 )
+from wovenfab.study.target_accuracy.trials import Mesher, has_free_size
 
 log = logging.getLogger(__name__)
 
@@ -127,31 +130,37 @@ def adaptive_steps(case: Case, number: float) -> Case:
 
 
 class StepSearch:
-    """The search for steps by trials on coarse elements; no trial is made twice."""
+    """The search for steps by trials on coarse elements; no trial is made twice.
+
+    Trials on the coarsest mesh gain nothing from many ranks: the first one makes them alone.
+    """
 
     def __init__(
         self,
         trial: Case,
-        sheet: Sheet,
+        comm: MPI.Comm,
         report: Report,
         known: tuple[str, float] | None = None,
         patience: float = inf,
+        mesher: Mesher = sheet_of,
     ) -> None:
         """Start without any trial.
 
         Args:
             trial: What is tried: a case with history, shorter, on coarse elements.
-            sheet: Its sheet.
+            comm: The ranks.
             report: Called with a line on each trial.
             known: Kind and number of the steps that a neighbouring scene needed: they are tried
                 first, and taken if they are enough.
             patience: Wall time of all trials after which one is given up, s.
+            mesher: Returns the sheet of a case.
         """
         self._left = patience
         # How much later the force is largest with the elements of the run (s), and the figures of
         # trials over those of the run: errors of steps are as large, but over smaller figures.
         self._delay, self._larger = 0.0, dict[str, float]()
-        self._trial, self._sheet, self._report = trial, sheet, report
+        self._trial, self._report, self._mesher = trial, report, mesher
+        self._comm, self._alone = comm, has_free_size(trial)
         self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
         self._given_up = set[Kind]()  # of which more steps take too long
@@ -164,10 +173,11 @@ class StepSearch:
             estimate: Errors of these elements, from responses with a share of the usual steps.
             share: That share.
         """
-        other, own = estimate.response, estimate.refinement.responses[0]
+        self._made(partial(self._learn, estimate.response, estimate.refinement.responses[0], share))
+
+    def _learn(self, other: Response, own: Response, share: float) -> None:
         with suppress(StepFailedError, StabilityLostError, TooLongError):
-            degree = self._trial.discretisation.degree
-            if own.model.sheet is not self._sheet or own.model.numerics.degree != degree:
+            if self._model is None or own.model.unknowns != self._model.unknowns:
                 own = self._run(with_steps(self._trial, share))
             late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
             self._delay = late - early
@@ -177,12 +187,25 @@ class StepSearch:
                 if value
             }
 
-    def steps_for(self, target: float) -> TimeSteps | None:
+    def steps_for(
+        self, target: float, meanwhile: Callable[[], object] | None = None
+    ) -> TimeSteps | None:
         """Return the steps that cost least, or None where none can be chosen; collective.
 
         Args:
             target: Error of the steps over the figures, on the safe side.
+            meanwhile: What ranks do that make no trials.
         """
+        return self._made(partial(self._cheapest, target), meanwhile)
+
+    def _made[T](self, make: Callable[[], T], meanwhile: Callable[[], object] | None = None) -> T:
+        return by_first(self._comm, make, meanwhile) if self._alone else make()
+
+    @cached_property
+    def _sheet(self) -> Sheet:
+        return self._mesher(self._trial, MPI.COMM_SELF if self._alone else self._comm)
+
+    def _cheapest(self, target: float) -> TimeSteps | None:
         likely, number = self._known
         kinds: list[Kind] = [] if has_fixed_steps(self._trial) else [equal_steps]
         if _measured(self._trial):

@@ -1,13 +1,24 @@
-"""Trials of elements, and what they tell of finer ones: which to try next, and what is too much."""
+"""Meshes of trials, and what trials tell of finer ones: which to try next, and what is too much."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
 from math import ceil, inf, log
 
+from mpi4py import MPI
+
+from wovenfab.case import Case
+from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.from_case import follows_fibres
 from wovenfab.simulation.progress import memory
+from wovenfab.simulation.response import with_elements
+from wovenfab.simulation.simulation import Simulation
+
+#: Returns the sheet of a case; collective over the communicator.
+Mesher = Callable[[Case, MPI.Comm], Sheet]
 
 #: Least, usual and largest order of an error in the size of cells; where it is judged whether
 #: an accuracy is out of reach, the usual one is the least.
@@ -127,3 +138,43 @@ def _growth(trials: Sequence[Trial]) -> float:
 
 def _rounded(unknowns: float) -> str:
     return f"{float(f'{unknowns:.2g}'):.0f}"
+
+
+def has_free_size(case: Case) -> bool:
+    """Return whether the size of the cells can be chosen; a mesh that is given stays as it is."""
+    return not str(getattr(case.sheet, "file", "")).endswith(".msh")
+
+
+def with_cells(case: Case, size: float, **changes: object) -> Case:
+    """Return a case with cells of a size (m), where that can be chosen, and other elements."""
+    return with_elements(case, mesh_size=size if has_free_size(case) else None, **changes)
+
+
+def could_stick(case: Case) -> bool:
+    """Return whether two placements could act as one, on a mesh that can be graded."""
+    effects = [entry.effect for entry in case.scene]
+    sticks = any(e.set_valued and e.needs.placements == 2 for e in effects)
+    return sticks and follows_fibres(case)
+
+
+def shorter_side(sheet: Sheet) -> float:
+    """Return the shorter side of a sheet's bounding box, m; collective."""
+    x, comm = sheet.mesh.geometry.x, sheet.mesh.comm
+    sides = [
+        comm.allreduce(float(x[:, i].max()), op=MPI.MAX)
+        - comm.allreduce(float(x[:, i].min()), op=MPI.MIN)
+        for i in (0, 1)
+    ]
+    return float(min(sides))
+
+
+def compile_ahead(case: Case, mesher: Mesher, degrees: Sequence[int]) -> None:
+    """Put into the cache what trials with these degrees will need.
+
+    What cannot be compiled is reported where it is needed.
+    """
+    with suppress(Exception):
+        sheet = mesher(case, MPI.COMM_SELF)
+        for degree in degrees:
+            with Simulation(with_elements(case, degree=degree), sheet):
+                pass
