@@ -56,7 +56,7 @@ COARSE = 0.5
 PLANNED, FIRST_TOLERANCE = 0.075, 0.02
 #: Growth of the number of steps up to which a trial is extrapolated, and the largest from trial
 #: to trial; numbers up to there of which the least is taken that is enough.
-FAR, FARTHEST, OPTIONS = 2.0, 8.0, 48
+FAR, FARTHEST, OPTIONS = 2.0, 4.0, 48
 #: Least ratio of two numbers of steps that are compared.
 APART = 1.4
 #: Growth of the number of steps up to which no other kind is tried.
