@@ -267,6 +267,23 @@ def test_what_memory_or_time_do_not_allow_is_reported_with_the_best(
     assert chosen.estimate.worst > 1e-5
 
 
+@pytest.mark.parametrize(("growth", "highest"), [(1.2, 5), (500.0, 4)])
+def test_a_degree_that_would_be_given_up_on_its_way_is_not_begun(
+    growth: float, highest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wovenfab.study.target_accuracy.plan.GROWTH", growth)
+    case = case_of(
+        "elastic-1x3",
+        "accuracy=0.01 %",
+        "discretisation=null",
+        "program={type: ramp, to: 20 mm, steps: 4}",
+    )
+    lines: list[str] = []
+    plan(case, ALONE, lines.append, Limits(1e12, time=0.0, patience=1e3))
+    degrees = [int(t.split()[2][:-1]) for t in lines if t.startswith("elements: degree")]
+    assert degrees == list(range(2, highest + 1))
+
+
 @pytest.mark.parametrize(
     ("name", "force", "dissipated"),
     [

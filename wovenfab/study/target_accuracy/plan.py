@@ -34,6 +34,7 @@ from wovenfab.study.target_accuracy.estimate import (
 )
 from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
 from wovenfab.study.target_accuracy.trials import (
+    GROWTH,
     Limits,
     Mesher,
     Trial,
@@ -294,6 +295,8 @@ class _MeshSearch:
             unknowns = _unknowns(trial, sheet, degree)
             if memory(unknowns) > self.limits.memory:
                 break
+            if len(responses) >= 3 and self._expected(responses[-1], unknowns) > left:
+                break
             self.report(f"elements: degree {degree}, {unknowns} unknowns")
             response = self._response(trial, sheet, degree, responses, left)
             if response is None:
@@ -321,6 +324,16 @@ class _MeshSearch:
         """Return whether the mesh should be graded, for the error of one that may not be."""
         much = error is not None and error >= MUCH * self.target
         return much and not self.graded and could_stick(self.case)
+
+    def _expected(self, lower: Response, unknowns: int) -> float:
+        """Return about how long the trials of a mesh will have taken with one more, s; collective.
+
+        Args:
+            lower: The last response.
+            unknowns: Of the next one.
+        """
+        growth = (unknowns / lower.model.unknowns) ** GROWTH
+        return _slowest(self.sheet, self.seconds + lower.seconds * growth)
 
     def _response(
         self, trial: Case, sheet: Sheet, degree: int, lower: Sequence[Response], left: float
