@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import csv
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, CaseError, read_case
+from wovenfab.model.assembly import cache_folder
+from wovenfab.parallel import by_first
+from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
     Response,
@@ -21,6 +25,7 @@ from wovenfab.simulation.response import (
 from wovenfab.study.target_accuracy.estimate import ERRORS, error_shares, write_errors
 from wovenfab.study.target_accuracy.plan import Plan, plan
 from wovenfab.study.target_accuracy.time_steps import StepSearch
+from wovenfab.study.target_accuracy.trials import compile_ahead
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -101,6 +106,28 @@ def test_steps_are_chosen_by_the_first_rank_as_by_one_while_others_do_something_
     assert chosen.errors == pytest.approx(alone.errors, rel=1e-9)
     assert bool(lines) == (COMM.rank == 0)
     assert others == [COMM.rank][: COMM.rank]
+
+
+def test_what_is_compiled_ahead_leaves_nothing_to_compile(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And what cannot be compiled is left to those who need it."""
+
+    def refuse(*_: object) -> Sheet:
+        raise CaseError([])
+
+    monkeypatch.setenv("XDG_CACHE_HOME", COMM.bcast(str(tmp_path)))
+    ramp = "program={type: ramp, to: 5 mm, steps: 1}"
+    case = with_elements(read_case(CONFIGS / "elastic-1x3.yaml", [ramp]), mesh_size=0.15)
+    ahead: list[Path] = []
+    for mesher in (refuse, sheet_of):
+        by_first(COMM, lambda: None, partial(compile_ahead, case, COMM, mesher, [2, 3]))
+        ahead = sorted(cache_folder().glob("*.c"))
+        assert bool(ahead) == (mesher is sheet_of)
+        COMM.Barrier()  # all have looked
+    for degree in (2, 3):
+        assert response_of(with_elements(case, degree=degree), sheet_of(case, COMM)).count == 1
+    assert sorted(cache_folder().glob("*.c")) == ahead
 
 
 @pytest.mark.parametrize("angle", [45, 35])

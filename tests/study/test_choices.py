@@ -11,18 +11,14 @@ import pytest
 
 import wovenfab
 from tests.study.test_estimate import ALONE, case_of, elements, sheet
-from wovenfab.case import Case, CaseError
-from wovenfab.model.assembly import cache_folder
+from wovenfab.case import Case
 from wovenfab.record.results import CHOICES
-from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import response_of, with_elements
+from wovenfab.simulation.response import response_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
 from wovenfab.study.target_accuracy.choice import known_start, remember, report_errors
 from wovenfab.study.target_accuracy.estimate import SAFETY
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
-from wovenfab.study.target_accuracy.trials import compile_ahead
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
 AFRESH = Start()
@@ -218,22 +214,3 @@ def test_friction_at_its_bound_takes_few_iterations_on_a_fabric_that_is_soft_in_
     print(f"\n{outcome.tangents} tangents in {outcome.steps} steps")
     assert not outcome.cutbacks
     assert outcome.tangents <= 8 * outcome.steps
-
-
-def test_what_is_compiled_ahead_leaves_nothing_to_compile(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    case = elastic("accuracy=null", "discretisation={degree: 2, mesh_size: 150 mm}")
-    compile_ahead(with_elements(case, degree=3), sheet_of, [2])
-    ahead = set(cache_folder().glob("*.c"))
-    assert ahead
-    assert response_of(case, sheet(case)).count == 8
-    assert set(cache_folder().glob("*.c")) == ahead
-
-
-def test_what_cannot_be_compiled_ahead_is_reported_where_it_is_needed() -> None:
-    def refuse(*_: object) -> Sheet:
-        raise CaseError([])
-
-    compile_ahead(elastic(), refuse, [2])

@@ -157,8 +157,7 @@ def plan(
         coarse, wait = trial_of(coarse, share), limits.patience
         search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
         later = [d for d in (start.degree + i for i in (-1, 0, 1)) if d in DEGREES[1:]]
-        mine = later[comm.rank - 1 :: max(1, comm.size - 1)]
-        steps = search.steps_for(share, partial(compile_ahead, coarse, mesher, mine))
+        steps = search.steps_for(share, partial(compile_ahead, coarse, comm, mesher, later))
         left -= min(steps.estimated_error, share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left

@@ -168,13 +168,13 @@ def shorter_side(sheet: Sheet) -> float:
     return float(min(sides))
 
 
-def compile_ahead(case: Case, mesher: Mesher, degrees: Sequence[int]) -> None:
-    """Put into the cache what trials with these degrees will need.
+def compile_ahead(case: Case, comm: MPI.Comm, mesher: Mesher, degrees: Sequence[int]) -> None:
+    """Put into the cache what trials with these degrees will need, all ranks but the first.
 
     What cannot be compiled is reported where it is needed.
     """
     with suppress(Exception):
         sheet = mesher(case, MPI.COMM_SELF)
-        for degree in degrees:
+        for degree in degrees[comm.rank - 1 :: comm.size - 1]:
             with Simulation(with_elements(case, degree=degree), sheet):
                 pass
