@@ -82,28 +82,33 @@ def by_first[T](
     The other ranks do something else meanwhile. What any rank raises is raised on every one.
     """
     made: list[T] = []
-    problem: Exception | None = None
-    try:
+
+    def work() -> None:
         if comm.rank == 0:
             made.append(make())
         elif meanwhile is not None:
             meanwhile()
-    except Exception as error:
-        problem = error
-    wait_asleep(comm)
-    agree(comm, problem)
+
+    each_its_own(comm, work)
     found: T = comm.bcast(made)[0]
     return found
 
 
-def wait_asleep(comm: MPI.Comm) -> None:
-    """Wait for all ranks; collective.
+def each_its_own(comm: MPI.Comm, work: Callable[[], object]) -> None:
+    """Let each rank do its own work, and wait asleep for the others; collective.
 
     MPI's own waiting would keep a processor busy that the compiler of another rank could use.
+    What any rank raises is raised on every one.
     """
+    problem: Exception | None = None
+    try:
+        work()
+    except Exception as error:
+        problem = error
     request = comm.Ibarrier()
     while not request.Test():
         time.sleep(0.02)
+    agree(comm, problem)
 
 
 def child_environment() -> dict[str, str]:

@@ -64,6 +64,13 @@ def test_a_neighbour_starts_where_the_last_one_ended_and_is_as_accurate() -> Non
     assert other.case.discretisation.degree == one.case.discretisation.degree
 
 
+@pytest.mark.parametrize(("degree", "tried"), [(3, (2, 3, 4)), (4, (2, 3, 4)), (5, (3, 4, 5))])
+def test_the_degree_of_a_neighbour_is_among_those_that_are_tried_first(
+    degree: int, tried: tuple[int, ...]
+) -> None:
+    assert Start(degree=degree).degrees == tried
+
+
 def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> None:
     chosen, lines = planned(elastic("accuracy=0.4 %"))
     assert chosen.case.discretisation.degree == 4

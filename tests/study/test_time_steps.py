@@ -7,7 +7,7 @@ from math import inf
 import pytest
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
-from wovenfab.case import Cycles, Ramp, read_case
+from wovenfab.case import Case, Cycles, Ramp, read_case
 from wovenfab.simulation.response import (
     TooLongError,
     missed_peak,
@@ -45,18 +45,26 @@ def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_sch
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_steps_learn_how_the_response_with_other_elements_differs(known: bool) -> None:
+def test_steps_learn_how_the_response_with_other_elements_differs(
+    known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """With finer elements the sheet is softer, and friction lets go later."""
     chosen = CYCLE, "time.scheme=bdf3", elements(2, 0.15)
     case = trial_of(case_of("bias-1x3", *chosen), 1e-3)
     on = sheet(case)
     search = StepSearch(case, ALONE, str)
     before = search.steps_for(0.01)
-    mesh = on if known else sheet(case)  # on another mesh the trial of these steps is made anew
+    # On another mesh the trial of these steps is made anew.
+    mesh = on if known else sheet(with_elements(case, mesh_size=0.1))
+    made: list[Case] = []
+    monkeypatch.setattr(search, "_run", lambda c, run=search._run: made.append(c) or run(c))
     responses = tuple(response_with_degree(case, mesh, degree) for degree in (2, 3, 4))
     search.learn(Estimate(DegreeRefinement((2, 3, 4), responses), 4), FEW)
+    assert len(made) == (not known)
+    monkeypatch.undo()
     after = search.steps_for(0.01)
-    coarse, fine = (response_of(with_elements(case, degree=degree), on) for degree in (2, 4))
+    coarse = response_of(with_elements(case, degree=2), on)
+    fine = response_of(with_elements(case, degree=4), mesh)
     true = (
         peak_of_spline(fine.times, fine.forces)[0] - peak_of_spline(coarse.times, coarse.forces)[0]
     )

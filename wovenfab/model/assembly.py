@@ -31,7 +31,7 @@ from scipy import sparse
 from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map
-from wovenfab.parallel import agree, wait_asleep
+from wovenfab.parallel import each_its_own
 
 #: A sum of compiled forms; the first one lives on the space of all placements.
 Sum = tuple[fem.Form, ...]
@@ -218,15 +218,13 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
     No two ranks compile the same kernel: FFCx would let one wait for the other in steps of a
     second.
     """
-    problem = None
     options = {"scalar_type": default_scalar_type}
-    try:
+
+    def compile_share() -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
             _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, options, jit_options()))
-    except Exception as error:
-        problem = error
-    wait_asleep(comm)
-    agree(comm, problem)
+
+    each_its_own(comm, compile_share)
 
 
 #: About how much longer a kernel takes to compile with one and with two arguments than with none,

@@ -13,7 +13,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.parallel import from_root
+from wovenfab.parallel import by_first, from_root
 from wovenfab.sheet.gmsh_io import (
     cells_of,
     code_of,
@@ -157,8 +157,7 @@ def outline_from_file(
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         return geometry.outline, mesh_size or float(sides.max())
 
-    found: tuple[Outline, float] = comm.bcast(from_root(comm, read, None))
-    return found
+    return by_first(comm, read)
 
 
 def read_geometry(

@@ -33,7 +33,7 @@ from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.parallel import agree, from_root
+from wovenfab.parallel import agree, by_first
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
 from wovenfab.sheet.sheet import (
     GeometryError,
@@ -151,7 +151,7 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         from wovenfab.sheet.gmsh_io import stated_points
 
         path = case.sheet.file
-        points = comm.bcast(from_root(comm, lambda: stated_points(path), 0))
+        points = by_first(comm, lambda: stated_points(path))
     else:
         from wovenfab.sheet.geometry_file import outline_from_file
 

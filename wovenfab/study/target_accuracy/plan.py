@@ -92,6 +92,12 @@ class Start:
     steps: tuple[str, float] | None = None
     graded: bool = False
 
+    @property
+    def degrees(self) -> tuple[int, int, int]:
+        """The degrees that are tried first: two below that, if there are."""
+        lowest = max(DEGREES[0], self.degree - 2)
+        return lowest, lowest + 1, lowest + 2
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -156,7 +162,7 @@ def plan(
         coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
         coarse, wait = trial_of(coarse, share), limits.patience
         search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
-        later = [d for d in (start.degree + i for i in (-1, 0, 1)) if d in DEGREES[1:]]
+        later = [d for d in start.degrees if d != DEGREES[0]]
         steps = search.steps_for(share, partial(compile_ahead, coarse, comm, mesher, later))
         left -= min(steps.estimated_error, share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
@@ -225,7 +231,7 @@ class _MeshSearch:
     def run(self) -> Plan:
         """Return the elements that are accurate enough, or the best; collective."""
         cells, reachable, failure = self.start.cells, 0.0, ""
-        lowest = max(DEGREES[0], self.start.degree - 2)
+        lowest = self.start.degrees[0]
         trials: list[Trial] = []
         self.graded = self.start.graded or None
         while True:
