@@ -183,6 +183,7 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
     """
     path, out, cache = scene(number, seed, folder, accuracy), folder / "run", folder / "cache"
     kind = read_case(path).title
+    shutil.rmtree(cache, ignore_errors=True)  # of a run that was broken off
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
