@@ -172,13 +172,15 @@ def main() -> None:
         "`python3 -m benchmarks.random_page` draws the picture and fits the times.\n\n"
         f"![Time against stated error](pictures/{PICTURE.name})\n\n"
     )
-    more = sum(not r.reason and (r.stated or 1.0) <= ALMOST * FINER_ACCURACY for r in finer)
-    first = "the first " if len(finer) < len(rows) else ""
-    also = f"{100 * FINER_ACCURACY:g} % was reached in {more} of {first}{len(finer)} scenes" + (
-        f", in {np.median([r.seconds for r in finer]):.0f} s in the middle." if finer else "."
-    )
     share = np.median([row.pilot / row.seconds for row in rows])
-    also += f" The search and its compiling took {100 * share:.0f} % of the time in the middle."
+    also = f"The search and its compiling took {100 * share:.0f} % of the time in the middle."
+    if finer:
+        more = sum(not r.reason and (r.stated or 1.0) <= ALMOST * FINER_ACCURACY for r in finer)
+        first = "the first " if len(finer) < len(rows) else ""
+        also = (
+            f"{100 * FINER_ACCURACY:g} % was reached in {more} of {first}{len(finer)} scenes, in "
+            f"{np.median([r.seconds for r in finer]):.0f} s in the middle. {also}"
+        )
     version = "All rows are of the present version."
     if 0 < len(older) < len(rows):
         new = ", ".join(str(row.scene) for row in rows if row.scene not in older)
