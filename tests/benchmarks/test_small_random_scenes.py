@@ -1,4 +1,4 @@
-"""A dozen small scenes drawn at random reach their accuracy, and their stated errors are honest."""
+"""Small scenes drawn at random reach their accuracy, and their stated errors are honest."""
 
 from __future__ import annotations
 
@@ -12,14 +12,18 @@ from wovenfab.case import read_case
 from wovenfab.simulation.response import response_of
 from wovenfab.study.target_accuracy.plan import plan
 
-SEED, ACCURACY = 1, 0.03
+ACCURACY = 0.03
+#: Seeds and numbers. Of 7-19 two degrees on coarse cells agree by chance on a loss 4 % too large.
+SCENES = [*((1, n) for n in (3, 10, 24, 32, 36, 37, 39, 40, 43, 47, 49, 51)), (7, 19)]
 #: True error over the stated one, which is an estimate, besides the 0.1 % of the benchmark.
 ESTIMATE = 1.25
 
 
-@pytest.mark.parametrize("number", [3, 10, 24, 32, 36, 37, 39, 40, 43, 47, 49, 51])
-def test_an_accuracy_is_reached_and_the_stated_error_is_honest(number: int, tmp_path: Path) -> None:
-    case = read_case(scene(number, SEED, tmp_path, ACCURACY))
+@pytest.mark.parametrize(("seed", "number"), SCENES)
+def test_an_accuracy_is_reached_and_the_stated_error_is_honest(
+    seed: int, number: int, tmp_path: Path
+) -> None:
+    case = read_case(scene(number, seed, tmp_path, ACCURACY))
     chosen = plan(case, ALONE, lambda text: None)
     assert not chosen.shortfall and chosen.estimate is not None
     resolved = tmp_path / "case.yaml"

@@ -23,9 +23,11 @@ from wovenfab.simulation.response import (
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
+    FASTEST_FRICTION,
     FASTEST_SET_VALUED,
     FEW,
     PEAK,
+    UNSEEN,
     DegreeRefinement,
     Estimate,
     StepRefinement,
@@ -94,13 +96,31 @@ def test_the_highest_degree_is_believed_no_more_than_its_change(
     assert error_of_degree((2, 3, 4), values, 3) == middle
 
 
-def test_degrees_that_agree_by_chance_are_not_believed_where_convergence_is_slow() -> None:
+@pytest.mark.parametrize("fastest", [FASTEST_SET_VALUED, FASTEST_FRICTION])
+def test_degrees_that_agree_by_chance_are_not_believed_where_convergence_is_slow(
+    fastest: float,
+) -> None:
     degrees = (3, 4, 5)
-    kinks = [10 + p**-FASTEST_SET_VALUED for p in degrees]
+    kinks = [10 + p**-fastest for p in degrees]
     by_chance = [kinks[0], kinks[1], kinks[1]]
-    true = error_of_degrees(degrees, kinks, FASTEST_SET_VALUED)
-    assert error_of_degrees(degrees, by_chance, FASTEST_SET_VALUED)[1:] == pytest.approx(true[1:])
+    true = error_of_degrees(degrees, kinks, fastest)
+    assert error_of_degrees(degrees, by_chance, fastest)[1:] == pytest.approx(true[1:])
     assert abs(error_of_degrees(degrees, by_chance)[1]) < 0.01 * abs(true[1])
+    # No higher degree confirms the highest one: its change counts as large as is believed.
+    change = kinks[1] - kinks[2]
+    assert error_of_degree(degrees, by_chance, 5, fastest) == pytest.approx(2 / 3 * change)
+
+
+@pytest.mark.parametrize("falling", [3.0, 8.0, 40.0])
+def test_an_agreement_that_lower_degrees_do_not_announce_is_not_believed(falling: float) -> None:
+    smooth = [10 + falling**-p for p in (2, 3, 4, 5)]
+    whole = error_of_degree((2, 3, 4, 5), smooth, 5, FASTEST_FRICTION)
+    assert whole == pytest.approx(error_of_degree((3, 4, 5), smooth[1:], 5, FASTEST_FRICTION))
+    by_chance = [*smooth[:3], smooth[2]]
+    cautious = error_of_degree((3, 4, 5), by_chance[1:], 5, UNSEEN)
+    found = error_of_degree((2, 3, 4, 5), by_chance, 5, FASTEST_FRICTION)
+    assert found == pytest.approx(min(whole, cautious), rel=0.3)
+    assert found >= error_of_degree((3, 4, 5), by_chance[1:], 5, FASTEST_FRICTION)
 
 
 def test_stated_errors_of_elements_and_steps_add_up_on_the_safe_side() -> None:

@@ -184,7 +184,8 @@ def plan(
     if search is None or steps is None:
         return replace(elements, start=found)
     search.learn(elements.estimate, meshes.share)
-    more = max(STEPS_MARGIN * (case.accuracy - error), share * error / case.accuracy)
+    rest = case.accuracy - error
+    more = STEPS_MARGIN * rest if error <= left else share * error / case.accuracy
     steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the first %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
@@ -313,10 +314,10 @@ class _MeshSearch:
             degree += 1
             if len(responses) < 3:
                 continue
-            degrees = (degree - 3, degree - 2, degree - 1)
+            degrees = tuple(range(degree - len(responses), degree))
             fastest = fastest_convergence(trial)
-            refinement = DegreeRefinement(degrees, tuple(responses[-3:]), fastest)
-            for judged in degrees[1:]:
+            refinement = DegreeRefinement(degrees, tuple(responses), fastest)
+            for judged in degrees[-2:]:
                 case = with_elements(trial, degree=judged)
                 error = self._add(case, sheet, Estimate(refinement, judged))
                 if error <= self.target:
