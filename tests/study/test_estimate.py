@@ -25,9 +25,9 @@ from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FASTEST_FRICTION,
     FASTEST_SET_VALUED,
+    FASTEST_UNSHOWN,
     FEW,
     PEAK,
-    UNSEEN,
     DegreeRefinement,
     Estimate,
     StepRefinement,
@@ -117,7 +117,7 @@ def test_an_agreement_that_lower_degrees_do_not_announce_is_not_believed(falling
     whole = error_of_degree((2, 3, 4, 5), smooth, 5, FASTEST_FRICTION)
     assert whole == pytest.approx(error_of_degree((3, 4, 5), smooth[1:], 5, FASTEST_FRICTION))
     by_chance = [*smooth[:3], smooth[2]]
-    cautious = error_of_degree((3, 4, 5), by_chance[1:], 5, UNSEEN)
+    cautious = error_of_degree((3, 4, 5), by_chance[1:], 5, FASTEST_UNSHOWN)
     found = error_of_degree((2, 3, 4, 5), by_chance, 5, FASTEST_FRICTION)
     assert found == pytest.approx(min(whole, cautious), rel=0.3)
     assert found >= error_of_degree((3, 4, 5), by_chance[1:], 5, FASTEST_FRICTION)

@@ -50,10 +50,9 @@ SLOWEST, FASTEST = 1.0, 40.0
 #: to slide the solution has a kink, or bends sharply, at fronts that cells do not follow; two
 #: degrees may agree by chance.
 FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
-#: Fastest convergence that is believed where four degrees show no faster one. Without it, two of 52
-#: random scenes stated 0.7 and 0.3 % where 4.2 and 1.7 % were true: layers that coarse cells do not
-#: resolve let the loss change little from degree 4 to degree 5.
-UNSEEN = 5.0
+#: Fastest convergence that is believed where four degrees show no faster one: layers that coarse
+#: cells do not resolve let the loss change little from degree 4 to degree 5, and yet be too large.
+FASTEST_UNSHOWN = 5.0
 #: Error of the highest degree over the last change, at least, where values have a trend and where
 #: they have none: with friction one degree may be too soft and the next one too stiff.
 UNCONFIRMED, WITHOUT_TREND = 2 / 3, 2.0
@@ -99,7 +98,7 @@ def error_of_degrees(
 
     least = abs(first) / ratio(fastest)
     if before and before[-1]:
-        least = max(least, min(abs(first) / ratio(UNSEEN), first**2 / abs(before[-1])))
+        least = max(least, min(abs(first) / ratio(FASTEST_UNSHOWN), first**2 / abs(before[-1])))
     if abs(second) < least:
         second = copysign(least, second)
         r = exponent(abs(first / second))
