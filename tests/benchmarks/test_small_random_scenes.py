@@ -13,7 +13,7 @@ from wovenfab.simulation.response import response_of
 from wovenfab.study.target_accuracy.plan import plan
 
 ACCURACY = 0.03
-#: Seeds and numbers. Of 7-19 two degrees on coarse cells agree by chance on a loss 4 % too large.
+#: Seeds and numbers. On coarse cells of 7-19 degrees 4 and 5 agree on a loss that is too large.
 SCENES = [*((1, n) for n in (3, 10, 24, 32, 36, 37, 39, 40, 43, 47, 49, 51)), (7, 19)]
 #: True error over the stated one, which is an estimate, besides the 0.1 % of the benchmark.
 ESTIMATE = 1.25
