@@ -42,6 +42,17 @@ def test_the_reference_has_finer_cells_of_another_degree_and_more_steps(
     assert finer.program[0].steps == 20 * SHORTER
 
 
+def test_the_reference_of_an_elastic_sheet_keeps_its_steps_which_have_no_error(
+    tmp_path: Path,
+) -> None:
+    elastic = {"accuracy": None, "discretisation": {"degree": 3, "mesh_size": "20 mm"}}
+    case = read_case(scene(2, 1, tmp_path), elastic)
+    finer = finer_case(case)
+    assert not case.needs.history
+    assert (finer.program, finer.time) == (case.program, case.time)
+    assert finer.discretisation.degree == 4
+
+
 def test_rows_tell_reached_accuracy_from_honesty() -> None:
     good = Row(1, "", 1, 1, 5.0, 3.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
     slow = replace(good, scene=2, seconds=500.0)

@@ -14,7 +14,7 @@ from wovenfab.study.target_accuracy.plan import plan
 
 ACCURACY = 0.03
 #: Seeds and numbers. On coarse cells of 7-19 degrees 4 and 5 agree on a loss that is too large.
-SCENES = [*((1, n) for n in (3, 10, 24, 32, 36, 37, 39, 40, 43, 47, 49, 51)), (7, 19)]
+SCENES = [*((1, n) for n in (3, 10, 15, 24, 32, 36, 37, 39, 47, 49, 51, 62)), (7, 19)]
 #: True error over the stated one, which is an estimate, besides the 0.1 % of the benchmark.
 ESTIMATE = 1.25
 

@@ -31,7 +31,7 @@ from wovenfab.study.variations import grid, read_over
 
 #: A checkpoint often, so that one is there at the kill.
 LONG = CASE.replace("pictures: false", "pictures: false, checkpoint: 4")
-STEPS = "program.steps=200,201,202"
+STEPS = "program.steps=100,101,102"
 type Dask = tuple[str, list[Process], Process]
 
 
@@ -48,7 +48,7 @@ def swept(folder: Path, cluster: Cluster, kill: Process | None = None) -> list[R
     members = members_of([folder / "case.yaml"], grid([read_over(STEPS)]))
 
     def report(state: Sweep, run: Run | None) -> None:
-        begun = [p for p in folder.glob("[tw]*/**/history.csv") if p.read_bytes().count(b"\n") > 60]
+        begun = [p for p in folder.glob("[tw]*/**/history.csv") if p.read_bytes().count(b"\n") > 30]
         if kill is not None and kill.poll() is None and len(begun) >= 2:
             kill.send_signal(signal.SIGKILL)
             kill.wait()
