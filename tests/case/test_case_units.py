@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from hypothesis import assume, given
@@ -97,6 +99,21 @@ def test_newton_metres_without_a_sign_between_are_refused(unit: str) -> None:
         units.parse("400 Nm", unit)
 
 
-def test_importing_the_case_does_not_import_pint() -> None:
-    code = "import sys, wovenfab.case; sys.exit('pint' in sys.modules)"
+@pytest.mark.parametrize("given_unit", sorted(units.EVERYDAY))
+def test_everyday_units_are_as_pint_has_them(given_unit: str) -> None:
+    unit, factor = units.EVERYDAY[given_unit]
+    (in_base, kind), (own, own_kind) = units.in_si(given_unit), units.in_si(unit)
+    assert in_base / own == factor == units.parse(f"1 {given_unit}", unit)
+    assert kind == own_kind
+    others = {other for other, _ in units.EVERYDAY.values()} - {unit}
+    for other in others:
+        with pytest.raises(ValueError, match=re.escape(given_unit)):
+            units.parse(f"1 {given_unit}", other)
+    assert units.parse(f"1 {given_unit}", given_unit) == 1.0
+
+
+def test_a_case_in_everyday_units_does_not_import_pint() -> None:
+    case = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
+    code = f"import wovenfab.case as c; c.read_case({str(case)!r}); import sys"
+    code += "; sys.exit('pint' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -322,9 +322,12 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
 
 
 def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) -> None:
-    place(tmp_path, curve=curve_of(tmp_path, noise=0.002))
-    (tmp_path / "more.yaml").write_text(FIT + "  bending.stiffness: {bounds: [0.5 N*m, 8 N*m]}\n")
-    (tmp_path / "less.yaml").write_text(FIT.replace("  stretch.stiffness: {start: 2e5 N/m}\n", ""))
+    near = FIT.replace("60 N/m", "80 N/m").replace("2e5 N/m", "1.5e5 N/m")
+    place(tmp_path, near, curve=curve_of(tmp_path, noise=0.002))
+    (tmp_path / "more.yaml").write_text(near + "  bending.stiffness: {bounds: [0.5 N*m, 8 N*m]}\n")
+    (tmp_path / "less.yaml").write_text(
+        near.replace("  stretch.stiffness: {start: 1.5e5 N/m}\n", "")
+    )
     files = "fit.yaml", "more.yaml", "less.yaml"
     assert "fit has the smallest BIC" in wovenfab("fit", *files, "-o", "out", cwd=tmp_path).stdout
     bic = {

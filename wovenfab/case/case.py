@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
+from copy import deepcopy
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
-from functools import reduce
+from functools import cache, reduce
 from io import StringIO
 from itertools import chain
 from pathlib import Path
@@ -25,6 +26,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema
 from ruamel.yaml import YAML
 
+import forms
 from forms.effect import Effect, Needs
 from wovenfab.case.boundary import EdgeConditions
 from wovenfab.case.checks import findings
@@ -320,6 +322,11 @@ def _overridden(document: Document, text: str) -> Document:
 
 def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
     """Return the JSON Schema of a whole case, with effects of the user's own."""
+    return deepcopy(_described(tuple(forms.effects().values()), tuple(custom)))
+
+
+@cache
+def _described(_: tuple[Effect, ...], custom: tuple[Effect, ...]) -> dict[str, Any]:
     schema = Case.model_json_schema(schema_generator=_InOrder)
     schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
     schema["$defs"]["Effects"]["properties"] |= custom_schemas(custom)

@@ -295,6 +295,8 @@ def _written(parameter: Parameter, value: Any, with_unit: bool) -> Any:
 def _section_model(custom: CustomEffects) -> type[Section]:
     """Return a model with one optional field for each effect that there is."""
     known = _catalogue_model(tuple(forms.effects().values()))
+    if not custom:
+        return known
     fields = _fields({name: _custom_kind(e) for name, e in custom.items()})
     return create_model("Effects", __base__=known, __doc__=_SECTION, **fields)
 

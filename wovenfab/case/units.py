@@ -25,6 +25,24 @@ KINDS = {
     "s/m": ("a time per length", "70 s/m"),
 }
 
+#: Everyday units, and how many of an SI unit they are: to load pint, which knows all units, takes
+#: longer than to read a case. They are as pint has them.
+EVERYDAY = {
+    "mm": ("m", 1e-3),
+    "cm": ("m", 1e-2),
+    "deg": ("rad", math.pi / 180),
+    "ms": ("s", 1e-3),
+    "min": ("s", 60.0),
+    "mm/s": ("m/s", 1e-3),
+    "mm/min": ("m/s", 1e-3 / 60),
+    "kN": ("N", 1e3),
+    "N/mm": ("N/m", 1e3),
+    "kN/m": ("N/m", 1e3),
+    "kN/m^2": ("N/m^2", 1e3),
+}
+#: SI units of different kinds.
+_DIFFERENT = {unit for unit, _ in EVERYDAY.values()}
+
 #: More characters than this are no number with a unit.
 LONGEST = 80
 
@@ -155,6 +173,11 @@ def _factor(given: str, unit: str) -> float:
     """Return how many ``unit`` one ``given`` is."""
     if given == unit:
         return 1.0
+    known, factor = EVERYDAY.get(given, (given, 1.0))
+    if known == unit:
+        return factor
+    if {known, unit} <= _DIFFERENT:
+        raise ValueError(repr(given))
     if not unit:
         if given == "%":
             return 0.01
@@ -180,6 +203,6 @@ def _parsed(unit: str) -> Any:
 
 @cache
 def _registry() -> Any:
-    import pint  # a third of a second, which a case without units need not pay
+    import pint  # half a second, which a case in everyday units need not pay
 
     return pint.UnitRegistry()
