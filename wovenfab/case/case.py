@@ -326,7 +326,7 @@ def json_schema(custom: Sequence[Effect] = ()) -> dict[str, Any]:
 
 
 @cache
-def _described(_: tuple[Effect, ...], custom: tuple[Effect, ...]) -> dict[str, Any]:
+def _described(_known: tuple[Effect, ...], custom: tuple[Effect, ...]) -> dict[str, Any]:
     schema = Case.model_json_schema(schema_generator=_InOrder)
     schema["properties"] = {FROM: _FROM_SCHEMA} | schema["properties"]
     schema["$defs"]["Effects"]["properties"] |= custom_schemas(custom)

@@ -26,7 +26,7 @@ KINDS = {
 }
 
 #: Everyday units, and how many of an SI unit they are: to load pint, which knows all units, takes
-#: longer than to read a case. They are as pint has them.
+#: longer than to read a case. Tests compare them with pint.
 EVERYDAY = {
     "mm": ("m", 1e-3),
     "cm": ("m", 1e-2),
