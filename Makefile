@@ -49,7 +49,7 @@ bench: ## measure speed, as phases and ratios in one run
 hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" for some
 	$(enter) python3 -m benchmarks.hard $(rows) $(quick)
 
-random: ## 1 % on fabrics drawn at random: docs/random-fabrics.md (two hours; goes on)
+random: ## 1 % on fabrics drawn at random: docs/random-fabrics.md (some hours; goes on)
 	$(enter) python3 -m benchmarks.random_scenes $(count) $(seed)
 	$(enter) python3 -m benchmarks.random_page
 
