@@ -108,9 +108,8 @@ def costs(rows: list[Row], kinds: list[str], accuracy: float, wanted: float) -> 
             good = sum(r.reaches(accuracy, wanted) for r in own)
             half, most = np.percentile([r.seconds for r in own], [50, MOST])
             times = [f"{seconds:.0f} s" for seconds in (half, most, wanted)]
-            lines.append(
-                [f"{100 * accuracy:g} %", kind or "all", *times, f"{good} of {len(own)}"],
-            )
+            count = f"{good} of {len(own)}"
+            lines.append([f"{100 * accuracy:g} %", kind or "all", *times, count])
     return lines
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.random_page import KINDS, costs
 from benchmarks.random_scenes import ACCURACY, SHORTER, Row, finer_case, scene, table
 from wovenfab.case import read_case
 
@@ -65,3 +66,15 @@ def test_rows_tell_reached_accuracy_from_honesty() -> None:
     assert replace(unknown, stated=np.nextafter(ACCURACY, 1)).is_good  # by rounding alone
     assert "3 of 5 within 1 % and 60 s" in words
     assert "stated one: 3, 4 of 4 with a reference." in words
+
+
+def test_what_an_accuracy_costs_counts_what_reached_it_in_time_by_kind() -> None:
+    accuracy, wanted = 0.003, 300.0
+    good = Row(1, "", 1, 1, 100.0, 3.0, 0.9 * accuracy, None, "")
+    rows = [good, replace(good, seconds=301.0), replace(good, stated=2 * accuracy)]
+    kinds = [KINDS[0], KINDS[0], KINDS[4]]
+    assert costs(rows, kinds, accuracy, wanted) == [
+        ["0.3 %", KINDS[0], "200 s", "281 s", "300 s", "1 of 2"],
+        ["0.3 %", KINDS[4], "100 s", "100 s", "300 s", "0 of 1"],
+        ["0.3 %", "all", "100 s", "261 s", "300 s", "1 of 3"],
+    ]
