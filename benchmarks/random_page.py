@@ -23,6 +23,7 @@ from benchmarks.random_scenes import (
     SEED,
     WANTED,
     Row,
+    honesty,
     key_of,
     list_of,
     name_of,
@@ -202,6 +203,8 @@ def main() -> None:
     text = f"{head}{cost}\n\n{words} {also} {version}\n\n{hard}{table(rows)}\n"
     if short := [r for r in finer if not r.reaches(FINER_ACCURACY, LIMIT)]:
         text += f"\n## Where {100 * FINER_ACCURACY:g} % was not reached\n\n{list_of(short)}\n"
+    if finer:
+        text += f"\n{honesty(finer, FINER_ACCURACY)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
     print("TRIALS", fitted(known, [r.pilot for r in every]))

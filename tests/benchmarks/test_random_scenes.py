@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from benchmarks.random_page import KINDS, costs
-from benchmarks.random_scenes import ACCURACY, SHORTER, Row, finer_case, scene, table
+from benchmarks.random_scenes import ACCURACY, SHORTER, Row, compared, finer_case, scene, table
 from wovenfab.case import read_case
+from wovenfab.study.runner import Ended
 
 
 def test_scenes_are_valid_and_of_all_kinds(tmp_path: Path) -> None:
@@ -66,6 +68,28 @@ def test_rows_tell_reached_accuracy_from_honesty() -> None:
     assert replace(unknown, stated=np.nextafter(ACCURACY, 1)).is_good  # by rounding alone
     assert "3 of 5 within 1 % and 60 s" in words
     assert "stated one: 3, 4 of 4 with a reference." in words
+
+
+def test_rows_that_fell_short_are_compared_too_and_failed_runs_and_references_are_not() -> None:
+    ran = Row(1, "", 900, 20, 5.0, 3.0, 0.02, None, "")
+    assert ran.lacks_reference and replace(ran, reason="it fell short").lacks_reference
+    assert not replace(ran, true=0.01).lacks_reference
+    assert not replace(ran, unknowns=0, stated=None, reason="no end within 300 s").lacks_reference
+
+
+@pytest.mark.parametrize("reason", ["", "it fell short"])
+def test_the_true_error_is_the_largest_against_the_reference(reason: str, tmp_path: Path) -> None:
+    made = Row(1, "", 900, 20, 5.0, 3.0, 0.02, None, reason)
+    where = {"peak_force_at_m": 0.1}
+    for name, force, loss in (("run", 101.0, 1.94), ("reference", 100.0, 2.0)):
+        (tmp_path / name).mkdir()
+        figures = {"peak_force_N": force, "dissipated_J": loss, **where}
+        (tmp_path / name / "summary.json").write_text(json.dumps(figures))
+    failed = compared(made, tmp_path, Ended(3, "", "", 1.0, "step 4 failed"))
+    assert failed.true is None and not failed.lacks_reference
+    assert failed.reason.startswith(reason) and failed.reason.endswith("step 4 failed")
+    right = compared(made, tmp_path, Ended(0, "", "", 1.0))
+    assert right.true == pytest.approx(0.03) and right.reason == reason
 
 
 def test_what_an_accuracy_costs_counts_what_reached_it_in_time_by_kind() -> None:
