@@ -10,6 +10,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
+try:
+    from ffcx.codegeneration.C import integral as _kernels
+except ImportError:  # 0.9
+    from ffcx.codegeneration.C import integrals as _kernels
+
+#: The module that writes the C code of integrals.
+FFCX_KERNELS: Any = _kernels
 _REASONS = PETSc.SNES.ConvergedReason
 #: PETSc's name of the reason that a residual is no number; another one since its 3.24.
 NOT_FINITE = (

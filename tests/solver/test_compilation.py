@@ -1,4 +1,4 @@
-"""A compilation that was killed delays nobody for long."""
+"""Kernels are what FFCx would write; a compilation that was killed delays nobody for long."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import pytest
 import ufl
 from cffi import VerificationError
 from dolfinx import fem
-from dolfinx.mesh import create_unit_square
+from dolfinx.mesh import GhostMode, create_unit_square
 from mpi4py import MPI
 
 from wovenfab.model import assembly
@@ -87,3 +87,25 @@ def test_a_compiler_that_a_signal_ended_is_started_once_more(cache: Path) -> Non
     assert assembly._compiled(compiler) == "kernel"
     with pytest.raises(VerificationError):
         assembly._compiled(compiler)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_path: Path) -> None:
+    on = create_unit_square(MPI.COMM_SELF, 2, 2, ghost_mode=GhostMode.shared_facet)
+    space = fem.functionspace(on, ("Lagrange", degree, (4,)))
+    w, normal, grad = fem.Function(space), ufl.FacetNormal(on), ufl.grad
+    w.x.array[:] = np.random.default_rng(3).standard_normal(w.x.array.size)
+    curvature, jump = grad(grad(w)), ufl.jump(grad(w), normal)
+    energy = ufl.inner(grad(w), grad(w)) ** 2 * ufl.dx(degree=3)
+    energy += ufl.inner(curvature, curvature) * ufl.inner(w, w) * ufl.dx(degree=5)
+    energy += ufl.inner(ufl.avg(ufl.div(grad(w))), jump) ** 2 * ufl.dS
+    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
+    tangent = ufl.derivative(ufl.derivative(energy, w, test), w, trial)
+    elsewhere = assembly.jit_options() | {"cache_dir": str(tmp_path)}
+    forms = (assembly.compile_form(tangent), fem.form(tangent, jit_options=elsewhere))
+    ours, expected = (fem.assemble_matrix(form).to_dense() for form in forms)
+    assert ours == pytest.approx(expected, abs=1e-13 * np.abs(expected).max())
+    written = {path.name: path.stat().st_size for path in tmp_path.glob("*.c")}
+    assert written and all(
+        (assembly.cache_folder() / name).stat().st_size < size for name, size in written.items()
+    )

@@ -19,10 +19,10 @@ from mpi4py import MPI
 
 from forms.balance import Balance, Rate
 from forms.effect import Effect, Term
-from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums, crossed_facets
+from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
-from wovenfab.model.spaces import Placements, placements_on
+from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
 
 if TYPE_CHECKING:
