@@ -207,7 +207,7 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
-        return Row(number, kind, 0, 0, ended.seconds, ended.seconds, None, None, ended.failure)
+        return Row(number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended))
     summary = _summary(out)
     said = summary["accuracy"]
     errors = [f["relative_error"] for f in said.get("figures", {}).values()]
@@ -215,6 +215,11 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
         number, kind, summary["unknowns"], summary["steps"], ended.seconds,
         summary["wall_time_s"]["pilot"], max(errors, default=None), None, said["shortfall"],
     )  # fmt: skip
+
+
+def _cause(ended: Ended) -> str:
+    """Return why a run failed, without what can be done and where its results are."""
+    return ended.failure.partition(";")[0]
 
 
 def compare(store: Store, rows: dict[str, Row], seed: int, accuracy: float) -> None:
@@ -254,7 +259,7 @@ def compared(made: Row, folder: Path, ended: Ended) -> Row:
         ended: How the reference ended.
     """
     if ended.failure:
-        words = f"{NO_REFERENCE}: {ended.failure}"
+        words = f"{NO_REFERENCE}: {_cause(ended)}"
         return replace(made, reason=f"{made.reason}; {words}" if made.reason else words)
     summary, exact = _summary(folder / "run"), _summary(folder / "reference")
     nothing = NOTHING * abs(exact["peak_force_N"] * exact["peak_force_at_m"])

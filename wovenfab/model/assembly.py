@@ -119,8 +119,8 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
 
     At a point, an element's matrix is a sum of blocks R^T C S: the rows of R and S are derivatives
     of the shape functions, C is what the energy says. FFCx writes out each product of a row of R
-    and one of S, of which our tangents have 240 to 320. Written with matrices they compile in a
-    third of the time and run in about half of it.
+    and one of S, hundreds in a tangent. Written with matrices they compile sooner and run faster
+    (``python3 -m benchmarks assembly``).
     """
 
     def __init__(self, *parts: Any) -> None:
@@ -219,7 +219,7 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
 
 
 @contextmanager
-def _small_products() -> Iterator[None]:
+def small_products() -> Iterator[None]:
     """Let FFCx write kernels that way."""
     usual = FFCX_KERNELS.IntegralGenerator
     FFCX_KERNELS.IntegralGenerator = SmallProducts
@@ -289,7 +289,7 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                 _remove_unfinished(folder, lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             fcntl.flock(lock, fcntl.LOCK_SH)
             try:
-                with _small_products():
+                with small_products():
                     return compile_it()
             except TimeoutError:
                 pass
