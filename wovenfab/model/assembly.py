@@ -246,7 +246,7 @@ def cache_folder() -> Path:
 
 @cache
 def _own_code() -> str:
-    return inspect.getsource(SmallProducts)
+    return f"{LANES} {FEWEST} {inspect.getsource(SmallProducts)}"
 
 
 def _processor() -> str:
