@@ -20,7 +20,8 @@ from benchmarks.figure import Figure
 from benchmarks.probe import CASE
 from forms.kinematics import displacements
 from wovenfab.case import read_case
-from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options, small_products
+from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options
+from wovenfab.model.kernels import own_kernels
 from wovenfab.model.model import Model
 from wovenfab.simulation.from_case import model_of, sheet_of
 
@@ -84,7 +85,7 @@ def _small_products_over_ffcx(model: Model) -> list[Figure]:
     arguments = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
     tangent = model.balance.jacobian(*arguments, model.last)
     (ours, compiled), (theirs, usual) = (
-        _compiled(tangent, way) for way in (small_products(), nullcontext())
+        _compiled(tangent, way) for way in (own_kernels(), nullcontext())
     )
     here, there = _fastest(partial(fem.assemble_matrix, ours), partial(fem.assemble_matrix, theirs))
     return [

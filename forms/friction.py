@@ -14,10 +14,9 @@ from typing import Any
 
 import ufl
 
-from forms.balance import Balance
+from forms.balance import Balance, first_variation, second_variation
 from forms.effect import Bound, Term, Values
 from forms.kinematics import Point, point_of, point_variation
-from forms.variation import first_variation, second_variation
 
 
 def log_cosh(x: Any) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import fcntl
 import threading
 from pathlib import Path
+from typing import Any
 from unittest.mock import Mock
 
 import numpy as np
@@ -15,7 +16,8 @@ from dolfinx import fem
 from dolfinx.mesh import GhostMode, create_unit_square
 from mpi4py import MPI
 
-from wovenfab.model import assembly
+from forms.kinematics import along, twice_along
+from wovenfab.model import assembly, kernels
 
 
 def leave_unfinished(cache: Path) -> None:
@@ -89,23 +91,62 @@ def test_a_compiler_that_a_signal_ended_is_started_once_more(cache: Path) -> Non
         assembly._compiled(compiler)
 
 
+def square(degree: int, *shape: int) -> tuple[Any, fem.Function, Any, Any]:
+    """Return a mesh and a random field of a shape with a test and a trial function."""
+    on = create_unit_square(MPI.COMM_SELF, 2, 2, ghost_mode=GhostMode.shared_facet)
+    space = fem.functionspace(on, ("Lagrange", degree, shape))
+    w = fem.Function(space)
+    w.x.array[:] = np.random.default_rng(3).standard_normal(w.x.array.size)
+    return on, w, ufl.TestFunction(space), ufl.TrialFunction(space)
+
+
+def compare(form: Any, elsewhere: Path) -> None:
+    """Test that a kernel is that of FFCx, and shorter."""
+    options = assembly.jit_options() | {"cache_dir": str(elsewhere)}
+    both = (assembly.compile_form(form), fem.form(form, jit_options=options))
+    if len(form.arguments()) == 2:
+        ours, expected = (fem.assemble_matrix(compiled).to_dense() for compiled in both)
+    else:
+        ours, expected = (fem.assemble_vector(compiled).array for compiled in both)
+    assert ours == pytest.approx(expected, abs=1e-13 * np.abs(expected).max())
+    written = {path.name: path.stat().st_size for path in elsewhere.glob("*.c")}
+    assert written and all(
+        (assembly.cache_folder() / name).stat().st_size < size for name, size in written.items()
+    )
+
+
 @pytest.mark.parametrize("degree", [2, 3])
 def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_path: Path) -> None:
-    on = create_unit_square(MPI.COMM_SELF, 2, 2, ghost_mode=GhostMode.shared_facet)
-    space = fem.functionspace(on, ("Lagrange", degree, (4,)))
-    w, normal, grad = fem.Function(space), ufl.FacetNormal(on), ufl.grad
-    w.x.array[:] = np.random.default_rng(3).standard_normal(w.x.array.size)
+    on, w, test, trial = square(degree, 2)
+    normal, grad = ufl.FacetNormal(on), ufl.grad
     curvature, jump = grad(grad(w)), ufl.jump(grad(w), normal)
     energy = ufl.inner(grad(w), grad(w)) ** 2 * ufl.dx(degree=3)
     energy += ufl.inner(curvature, curvature) * ufl.inner(w, w) * ufl.dx(degree=5)
     energy += ufl.inner(ufl.avg(ufl.div(grad(w))), jump) ** 2 * ufl.dS
-    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-    tangent = ufl.derivative(ufl.derivative(energy, w, test), w, trial)
-    elsewhere = assembly.jit_options() | {"cache_dir": str(tmp_path)}
-    forms = (assembly.compile_form(tangent), fem.form(tangent, jit_options=elsewhere))
-    ours, expected = (fem.assemble_matrix(form).to_dense() for form in forms)
-    assert ours == pytest.approx(expected, abs=1e-13 * np.abs(expected).max())
-    written = {path.name: path.stat().st_size for path in tmp_path.glob("*.c")}
-    assert written and all(
-        (assembly.cache_folder() / name).stat().st_size < size for name, size in written.items()
-    )
+    assert kernels.directions_of(energy) == ()
+    compare(ufl.derivative(ufl.derivative(energy, w, test), w, trial), tmp_path)
+
+
+@pytest.mark.parametrize("degree", [2, 3])
+def test_kernels_of_derivatives_along_two_directions_are_those_of_ffcx(
+    degree: int, tmp_path: Path
+) -> None:
+    on, w, test, trial = square(degree)
+    one, two = (fem.Constant(on, direction) for direction in ((0.8, 0.6), (-0.3, 1.1)))
+    f, g, mixed = along(one, w), twice_along(two, w), along(one, along(two, w))
+    jump = ufl.jump(g) + ufl.avg(f)
+    energy = (f**2 * g + mixed**2 * w) * ufl.dx(degree=5) + jump**3 * ufl.dS
+    energy += (f + g) ** 3 * ufl.dot(one, ufl.FacetNormal(on)) * ufl.ds
+    force = ufl.derivative(energy, w, test)
+    assert kernels.directions_of(force) == (one, two)
+    compare(force, tmp_path)
+    compare(ufl.derivative(force, w, trial), tmp_path)
+
+
+def test_derivatives_along_varying_or_three_directions_are_left_to_ffcx() -> None:
+    on, w, *_ = square(2)
+    one, two, three = (fem.Constant(on, d) for d in ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8)))
+    assert kernels.directions_of(along(one, w) * along(two, w) * ufl.dx) == (one, two)
+    for other in (along(three, w), along(ufl.SpatialCoordinate(on), w), ufl.grad(w)[0]):
+        energy = along(one, w) * along(two, w) * other * ufl.dx
+        assert kernels.directions_of(energy) == ()

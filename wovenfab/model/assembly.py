@@ -12,10 +12,9 @@ import hashlib
 import inspect
 import os
 import platform
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from functools import cache, partial
-from itertools import count
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -25,14 +24,14 @@ from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
 from dolfinx.jit import ffcx_jit
-from ffcx.codegeneration import lnodes
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from ufl.domain import extract_unique_domain
 
-from wovenfab.compat import FFCX_KERNELS, column_map
+from wovenfab.compat import column_map
+from wovenfab.model import kernels
 from wovenfab.parallel import each_its_own
 
 #: A sum of compiled forms; the first one lives on the space of all placements.
@@ -108,127 +107,6 @@ def _entries(form: fem.Form) -> Any:
     return sparse.csr_array((np.ones(len(numbers), dtype=np.int8), numbers, offsets), shape=shape)
 
 
-#: Doubles that a processor multiplies at once, at least.
-LANES = 4
-#: Products an entry from which they are written as a product of matrices.
-FEWEST = 3
-
-
-class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no types
-    """Writes kernels of bilinear forms as products of small matrices.
-
-    At a point, an element's matrix is a sum of blocks R^T C S: the rows of R and S are derivatives
-    of the shape functions, C is what the energy says. FFCx writes out each product of a row of R
-    and one of S, hundreds in a tangent. Written with matrices they compile sooner and run faster
-    (``python3 -m benchmarks assembly``).
-    """
-
-    def __init__(self, *parts: Any) -> None:
-        """Take what FFCx knows of an integral."""
-        super().__init__(*parts)
-        self.numbers = count()
-
-    def generate_quadrature_loop(self, *where: Any) -> list[Any]:
-        """Return the code of a loop over points."""
-        self.before: list[Any] = []
-        self.after: list[Any] = []
-        loop = super().generate_quadrature_loop(*where)
-        return [*self.before, *loop, *self.after]
-
-    def generate_block_parts(self, *block: Any) -> tuple[list[Any], list[Any]]:
-        """Return the code that adds to an element's matrix, and that of its factors."""
-        sections, factors = super().generate_block_parts(*block)
-        return [self._rewritten(section) for section in sections], factors
-
-    def _rewritten(self, section: Any) -> Any:
-        """Return a section with matrices where it has many products in a loop over j and i."""
-        over_j = section.statements[0]
-        if lnodes.depth(over_j) != len("ij"):
-            return section
-        over_i = over_j.body.statements[0]
-        bodies = [getattr(body, "statements", [body]) for body in over_i.body.statements]
-        terms = [statement.expr for body in bodies for statement in body]
-        blocks: dict[Any, list[Any]] = {}
-        for term in terms:
-            blocks.setdefault(tuple(term.lhs.indices[0].symbols), []).append(term)
-        few = len(terms) < FEWEST * len(blocks)
-        if few or any(len(term.rhs.args) != len("CRS") for term in terms):
-            return section
-        # The derivatives that a component of the test function has, and one of the trial function:
-        tests: dict[Any, dict[Any, None]] = {}
-        trials: dict[Any, dict[Any, None]] = {}
-        for (row, column), own in blocks.items():
-            for term in own:
-                _, r, s = term.rhs.args
-                tests.setdefault(row, {})[r] = trials.setdefault(column, {})[s] = None
-        alike: dict[Any, list[list[Any]]] = {}
-        for (row, column), own in blocks.items():
-            alike.setdefault((tuple(tests[row]), tuple(trials[column])), []).append(own)
-        code = [
-            s for (r, c), own in alike.items() for s in self._product(over_i, over_j, r, c, own)
-        ]
-        return lnodes.Section(section.name, code, [], section.input, section.output)
-
-    def _product(
-        self, over_i: Any, over_j: Any, tests: Any, trials: Any, blocks: list[list[Any]]
-    ) -> list[Any]:
-        """Return the code that adds to blocks with the same derivatives."""
-        scalar, integer = lnodes.DataType.SCALAR, lnodes.DataType.INT
-        own = next(self.numbers)
-        names = (f"{name}_{own}" for name in ("C", "R", "S", "CS", "sum"))
-        c, r, s, cs, total = (lnodes.Symbol(name, scalar) for name in names)
-        k, a = (lnodes.Symbol(name, integer) for name in "ka")
-        i, rows, j = over_i.index, over_i.end.value, over_j.index
-        columns = -(-over_j.end.value // LANES) * LANES  # with zeros to the next multiple
-        derivatives, others = range(len(tests)), range(len(trials))
-
-        def loop(index: Any, end: int, *body: Any) -> Any:
-            return lnodes.ForRange(index, 0, end, list(body))
-
-        def added(products: list[list[Any]]) -> Any:
-            return lnodes.Sum([lnodes.Product(product) for product in products])
-
-        sizes = (len(blocks), rows, columns)
-        self.before.append(lnodes.ArrayDecl(total, sizes, [0]))
-        entries = [
-            lnodes.AssignAdd(block[0].lhs, total[number, i, j])
-            for number, block in enumerate(blocks)
-        ]
-        self.after.append(loop(i, rows, loop(j, over_j.end.value, *entries)))
-        factors = [
-            lnodes.AssignAdd(c[number, tests.index(r_), trials.index(s_)], factor)
-            for number, block in enumerate(blocks)
-            for factor, r_, s_ in (term.rhs.args for term in block)
-        ]
-        return [
-            lnodes.ArrayDecl(c, (len(blocks), len(tests), len(trials)), [0]),
-            lnodes.ArrayDecl(r, (len(tests), rows), [0]),
-            lnodes.ArrayDecl(s, (len(trials), columns), [0]),
-            lnodes.ArrayDecl(cs, (len(tests), columns), [0]),
-            *factors,
-            loop(i, rows, *(lnodes.Assign(r[d, i], tests[d]) for d in derivatives)),
-            loop(j, over_j.end.value, *(lnodes.Assign(s[d, j], trials[d]) for d in others)),
-            loop(k, len(blocks),
-                loop(a, len(tests), loop(j, columns,
-                    lnodes.Assign(cs[a, j], added([[c[k, a, b], s[b, j]] for b in others])))),
-                loop(i, rows, loop(j, columns,
-                    lnodes.AssignAdd(
-                        total[k, i, j], added([[r[d, i], cs[d, j]] for d in derivatives])))),
-            ),
-        ]  # fmt: skip
-
-
-@contextmanager
-def small_products() -> Iterator[None]:
-    """Let FFCx write kernels that way."""
-    usual = FFCX_KERNELS.IntegralGenerator
-    FFCX_KERNELS.IntegralGenerator = SmallProducts
-    try:
-        yield
-    finally:
-        FFCX_KERNELS.IntegralGenerator = usual
-
-
 #: Chosen by measurement on the default case: much quicker to compile than -O3, as fast to run.
 #: -ffast-math removes NaN checks inside kernels; bad states are found on the vectors.
 FLAGS = ("-O1", "-march=native", "-ffast-math", "-ftree-vectorize", "-g0")
@@ -246,7 +124,7 @@ def cache_folder() -> Path:
 
 @cache
 def _own_code() -> str:
-    return f"{LANES} {FEWEST} {inspect.getsource(SmallProducts)}"
+    return inspect.getsource(kernels)
 
 
 def _processor() -> str:
@@ -289,7 +167,7 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                 _remove_unfinished(folder, lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             fcntl.flock(lock, fcntl.LOCK_SH)
             try:
-                with small_products():
+                with kernels.own_kernels():
                     return compile_it()
             except TimeoutError:
                 pass

@@ -71,7 +71,7 @@ class Model:
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
         friction: Factor of all friction: 1, or 0 for an initial state.
-        geometric_weight: 1 for the tangent, 0 for its positive part (``forms.variation``).
+        geometric_weight: 1 for the tangent, 0 for its positive part (``forms.balance``).
         loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
