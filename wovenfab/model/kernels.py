@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import gc
 import importlib
+import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from itertools import count, product
 from typing import Any
 
@@ -33,6 +34,9 @@ from wovenfab.compat import FFCX_KERNELS, rule_of
 
 #: UFL's module of that name, which its function of that name hides.
 _ANALYSIS = importlib.import_module("ufl.algorithms.compute_form_data")
+
+#: Plugins of all packages: setuptools reads their files six times for each kernel.
+_PLUGINS = cache(importlib.metadata.entry_points)
 
 #: Doubles that a processor multiplies at once, at least.
 LANES = 4
@@ -382,6 +386,7 @@ def own_kernels() -> Iterator[None]:
         replaced(apply_derivatives, "grad_to_reference_grad", gradient),
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
+        replaced(importlib.metadata, "entry_points", _PLUGINS),
     ):
         # UFL makes many small objects that stay: looking for garbage among them takes a third.
         gc.disable()
