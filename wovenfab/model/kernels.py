@@ -30,6 +30,7 @@ from ufl.classes import Dot, FormArgument, Grad, ReferenceGrad
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
+from forms.kinematics import cross
 from wovenfab.compat import FFCX_KERNELS, rule_of
 
 #: UFL's module of that name, which its function of that name hides.
@@ -151,7 +152,8 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
 def directions_of(form: Any) -> tuple[Any, ...]:
     """Return the constant vectors along which a form has derivatives.
 
-    There are none if it has other derivatives, too, or more directions than coordinates.
+    There are none if it has other derivatives, too, or more directions than coordinates, or
+    linear functions.
     """
     found: dict[Any, None] = {}
     for integral in form.integrals():
@@ -160,10 +162,16 @@ def directions_of(form: Any) -> tuple[Any, ...]:
                 found[node.ufl_operands[1]] = None
             elif any(isinstance(part, Grad) for part in node.ufl_operands):
                 return ()
-    domain = form.ufl_domain()
-    affine = domain.ufl_coordinate_element().embedded_superdegree == 1 if domain else False
-    few = len(found) <= len("xy")
-    return tuple(sorted(found, key=lambda constant: constant.count())) if few and affine else ()
+    domain, most = form.ufl_domain(), len("xy")
+    if domain is None or not 0 < len(found) <= most:
+        return ()
+    # FFCx has one table for linear functions and for the shape of cells.
+    functions = {f.ufl_element() for f in (*form.arguments(), *form.coefficients())}
+    degrees = [f.embedded_superdegree for f in functions]
+    affine = domain.ufl_coordinate_element().embedded_superdegree == 1
+    if not affine or 1 in degrees:
+        return ()
+    return tuple(sorted(found, key=lambda constant: constant.count()))
 
 
 def _is_along(node: Any) -> bool:
@@ -315,15 +323,11 @@ class Kernel(SmallProducts):
             constant = self.directions[axis]
             along = [self.backend.symbols.constant_index_access(constant, d) for d in (0, 1)]
 
-            def cross(a: list[Any], b: list[Any]) -> Any:
-                return a[0] * b[1] - a[1] * b[0]
-
             area = cross(*edges)
             rates = [cross(along, edges[1]) / area, cross(edges[0], along) / area]
             names = [f"rate_{k}_{axis}{SIDES[side]}" for k in (0, 1)]
-            found = [lnodes.Symbol(name, lnodes.DataType.REAL) for name in names]
-            code += [lnodes.VariableDecl(s, r) for s, r in zip(found, rates, strict=True)]
-            self.known[axis, side] = found
+            self.known[axis, side] = [lnodes.Symbol(n, lnodes.DataType.REAL) for n in names]
+            code += map(lnodes.VariableDecl, self.known[axis, side], rates)
         result: list[Any] = self.known[axis, side]
         return result
 
