@@ -50,8 +50,7 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
 
     At a point, an element's matrix is a sum of blocks R^T C S: the rows of R and S are derivatives
     of the shape functions, C is what the energy says. FFCx writes out each product of a row of R
-    and one of S, hundreds in a tangent. Written with matrices they compile sooner and run faster
-    (``python3 -m benchmarks assembly``).
+    and one of S, hundreds in a tangent.
     """
 
     def __init__(self, *parts: Any) -> None:
