@@ -150,6 +150,7 @@ def test_derivatives_along_varying_or_three_directions_are_left_to_ffcx() -> Non
     on, w, *_ = square(2)
     one, two, three = (fem.Constant(on, d) for d in ((1.0, 0.0), (0.0, 1.0), (0.6, 0.8)))
     assert kernels.directions_of(along(one, w) * along(two, w) * ufl.dx) == (one, two)
-    for other in (along(three, w), along(ufl.SpatialCoordinate(on), w), ufl.grad(w)[0]):
+    x = ufl.SpatialCoordinate(on)
+    for other in (along(three, w), along(x, w), along(one, w * x[0]), ufl.grad(w)[0]):
         energy = along(one, w) * along(two, w) * other * ufl.dx
         assert kernels.directions_of(energy) == ()

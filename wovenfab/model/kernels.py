@@ -3,9 +3,8 @@
 FFCx writes a kernel for any form. What a sheet stores and dissipates depends on few derivatives of
 placements, all along fibres. Two things make kernels of such forms smaller, which halves the time
 to compile and to run them (``python3 -m benchmarks assembly``): a table holds the derivatives of
-the shape functions along the fibres of a cell, in place of those by reference coordinates, of which
-each product at each point would have to be transformed; and tangents are products of small
-matrices.
+the shape functions along the fibres of a cell, where FFCx transforms products of those by reference
+coordinates at each point; and tangents are products of small matrices.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from ffcx.ir.analysis.valuenumbering import ValueNumberer
 from ffcx.ir.elementtables import get_ffcx_table_values, permute_quadrature_interval
 from ufl.algorithms import apply_derivatives
 from ufl.algorithms.map_integrands import map_integrand_dags
-from ufl.classes import Dot, FormArgument, Grad, ReferenceGrad
+from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, ReferenceGrad
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
@@ -68,7 +67,7 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
     def generate_block_parts(self, *block: Any) -> tuple[list[Any], list[Any]]:
         """Return the code that adds to an element's matrix, and that of its factors."""
         sections, factors = super().generate_block_parts(*block)
-        return [self._rewritten(section) for section in sections], factors
+        return [*map(self._rewritten, sections)], factors
 
     def _rewritten(self, section: Any) -> Any:
         """Return a section with matrices where it has many products in a loop over j and i."""
@@ -151,24 +150,25 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
 def directions_of(form: Any) -> tuple[Any, ...]:
     """Return the constant vectors along which a form has derivatives.
 
-    There are none if it has other derivatives, too, or more directions than coordinates, or
-    linear functions.
+    There are none if it has other derivatives, such as those of coordinates, or more than two, or
+    linear functions: FFCx has one table for these and for the shape of cells.
     """
     found: dict[Any, None] = {}
     for integral in form.integrals():
         for node in unique_pre_traversal(integral.integrand()):
             if _is_along(node):
-                found[node.ufl_operands[1]] = None
+                gradient, direction = node.ufl_operands
+                if any(isinstance(p, GeometricQuantity) for p in unique_pre_traversal(gradient)):
+                    return ()
+                found[direction] = None
             elif any(isinstance(part, Grad) for part in node.ufl_operands):
                 return ()
-    domain, most = form.ufl_domain(), len("xy")
-    if domain is None or not 0 < len(found) <= most:
+    domain = form.ufl_domain()
+    if domain is None or not 0 < len(found) <= len("xy"):
         return ()
-    # FFCx has one table for linear functions and for the shape of cells.
     functions = {f.ufl_element() for f in (*form.arguments(), *form.coefficients())}
-    degrees = [f.embedded_superdegree for f in functions]
-    affine = domain.ufl_coordinate_element().embedded_superdegree == 1
-    if not affine or 1 in degrees:
+    curved = domain.ufl_coordinate_element().embedded_superdegree > 1
+    if curved or any(f.embedded_superdegree == 1 for f in functions):
         return ()
     return tuple(sorted(found, key=lambda constant: constant.count()))
 
