@@ -167,3 +167,22 @@ def test_without_predictor_a_step_starts_from_the_last_state_and_ends_the_same()
     )
     assert with_it.steps[-1].iterations < without.steps[-1].iterations
     assert without.fields[-1] == pytest.approx(with_it.fields[-1], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("names", "is_known"), [(scenes.BONDED, True), ((*scenes.COUPLED, "slip_friction"), False)]
+)
+def test_the_way_back_is_known_only_where_nothing_depends_on_the_past(
+    names: tuple[str, ...], is_known: bool
+) -> None:
+    """A solve starts from the state at the same displacement: one tangent shows that it is one."""
+    model = scenes.model(scenes.sheet(mesh_size=0.3), names, scenes.PROTOTYPE)
+    program = program_of(cycle(0.0, 0.04, 1.0, 12))
+    steps = scenes.run(model, program).steps[1:]
+    there, back = steps[:6], steps[6:]
+    assert (sum(s.tangents for s in back) <= len(back)) == is_known
+    forces = [s.reactions["right"][0] for s in (*there, *back)]
+    if is_known:
+        assert forces[-2:5:-1] == pytest.approx(forces[:5], rel=1e-6)
+    else:
+        assert forces[-2] < 0.99 * forces[0]

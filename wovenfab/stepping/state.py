@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
+#: Largest number of states that are kept for the way back, and difference of two displacements,
+#: relative, below which they are the same.
+VISITED, SAME = 16, 1e-9
 #: What a later step depends on.
 MEMORY = "time", "number", "states", "steps", "at_rest", "displacements", "before"
 VARIABLES = "variables"
@@ -60,6 +63,9 @@ class State:
         """
         self._solver, self._model = solver, solver.problem.model
         self._program, self._scheme, self._predicts = program, scheme, predict
+        # Both displacements (m) of states and these, where nothing depends on the past; else None.
+        has_history = bool(self._model.history or self._model.memory)
+        self._visited: list[tuple[float, float, Array]] | None = None if has_history else []
         self._memory = self._model.memory
         if self._memory:
             self._memory.start(scheme.stage)
@@ -88,15 +94,18 @@ class State:
     def begin(self) -> None:
         """Take the present state as that at all earlier times, too."""
         self.states = [self._model.field.x.array.copy() for _ in self.states]
+        self._keep_visited()
 
     def snapshot(self) -> dict[str, Any]:
         """Return the accepted states and when they were, and internal variables."""
         variables = self._memory.snapshot() if self._memory else {}
-        return {**attributes(self, *MEMORY), VARIABLES: variables}
+        return {**attributes(self, *MEMORY, "_visited"), VARIABLES: variables}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from the states of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
+        if self._visited is not None:
+            self._visited = [(d, s, state) for d, s, state in snapshot["visited"]]
         if self._memory:
             self._memory.resume(snapshot[VARIABLES])
         self._model.field.x.array[:] = self.states[0]
@@ -116,12 +125,15 @@ class State:
         if self._memory:
             self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
-        guess = None if until == self._misled else self.initial_guess(until)
+        guess = None if until == self._misled else self._guess(until, value)
         extrapolated = self._predict(guess, stage * step, jump)
         if not program.prescribes_force(until):
             result = self.solve_for(value)
             if guess is not None and not result.converged:
                 self._misled = until  # shorter steps would end at the same guess
+                self.restore()
+                self._predict(None, stage * step, jump)
+                result = self.solve_for(value)
             return result
         assert self.force_control is not None
         self.reached = self.displacement
@@ -141,6 +153,35 @@ class State:
         self._solver.problem.prescribe(start + self._scheme.stage * (displacement - start))
         self._model.last.x.array[:] = self.states[0]
         return self._solver.solve()
+
+    def _guess(self, until: float, displacement: float) -> Array | None:
+        """Return a state to start from: one that is given, or one that was there already."""
+        given = self.initial_guess(until)
+        if given is not None or not self._visited or self._program.prescribes_force(until):
+            return given
+        return self._visited_at(displacement, self._program.second(until))
+
+    def _visited_at(self, displacement: float, second: float) -> Array | None:
+        """Return the state at both displacements (m), if it was there and is kept."""
+        error = SAME * max(map(abs, self.displacements))
+        for at, second_at, state in self._visited or []:
+            if abs(at - displacement) <= error and abs(second_at - second) <= error:
+                return state
+        return None
+
+    def _keep_visited(self) -> None:
+        """Keep the accepted state for the way back."""
+        if self._visited is None or self._visited_at(self.displacement, self.second) is not None:
+            return
+        self._visited = [
+            *self._visited[1 - VISITED :],
+            (self.displacement, self.second, self.states[0]),
+        ]
+
+    def forget_visited(self) -> None:
+        """Forget the way here, where stability was lost on it: another one may lead back."""
+        if self._visited:
+            self._visited = []
 
     def finish(self, until: float, jump: bool) -> Array:
         """Go from the stage state on to the end of its step; return the change in it, m.
@@ -176,6 +217,7 @@ class State:
         self.at_rest &= not jump
         self.time = until
         self.number += 1
+        self._keep_visited()
 
     def restore(self) -> None:
         """Go back to the last accepted state."""

@@ -244,6 +244,7 @@ class TimeStepper:
                 loss = self._stability.passed()
                 if loss is not None:
                     logger.info("%s; the branch is followed", loss)
+                    state.forget_visited()
                     step_size.bracketed(length)
                 self._jump = loss is not None
                 step = self._record(result, end if until == end.time else None, loss)

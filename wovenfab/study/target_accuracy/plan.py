@@ -54,6 +54,8 @@ logger = logging.getLogger(__name__)
 MEMORY_SHARE = 0.6
 #: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
 STEPS_SHARE = 0.25
+#: Growth of the number of steps that costs less than finer elements.
+MORE_STEPS = 1.5
 #: Share of what elements leave that steps may use in the end.
 STEPS_MARGIN = 0.95
 #: Share of the elements' error up to which the error of the few steps of trials changes nothing,
@@ -164,7 +166,7 @@ def plan(
         search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
         later = [d for d in start.degrees if d != DEGREES[0]]
         steps = search.steps_for(share, partial(compile_ahead, coarse, comm, mesher, later))
-        left -= min(steps.estimated_error, share) if steps else share
+        left -= min(steps.error_of_more(MORE_STEPS), share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left
     meshes = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut)

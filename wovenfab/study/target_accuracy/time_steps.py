@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from math import inf
 from time import perf_counter
@@ -110,6 +110,11 @@ class TimeSteps:
             return inf
         growth = share / (FIRST_SHARE * self.number)
         return max((abs(e) / growth ** self.orders[n] for n, e in self.errors.items()), default=0.0)
+
+    def error_of_more(self, growth: float) -> float:
+        """Return about the error, on the safe side, of so many times as many steps."""
+        errors = {name: error / growth ** self.orders[name] for name, error in self.errors.items()}
+        return replace(self, errors=errors).estimated_error
 
     def lacking(self, target: float) -> float:
         """Return how many times as many steps would about reach a target."""
