@@ -114,6 +114,18 @@ def costs(rows: list[Row], kinds: list[str], accuracy: float, wanted: float) -> 
     return lines
 
 
+def said_so(rows: list[Row]) -> str:
+    """Return in a sentence after how long searches say that an accuracy is not reached."""
+    times = [row.pilot for row in rows if row.reason and row.unknowns]
+    if not times:
+        return f"All searches found what reaches {100 * ACCURACY:g} %."
+    early = sum(time <= WANTED for time in times)
+    return (
+        f"Of those that fell short the search, which says so at its end, took {min(times):.0f} to "
+        f"{max(times):.0f} s: {early} of {len(times)} at most {WANTED:g} s."
+    )
+
+
 def versions(accuracy: float, rows: list[Row], older: list[int]) -> str:
     """Return in a sentence which rows the present version has made, and which an earlier one."""
     those = f"the {len(rows)} rows for {100 * accuracy:g} %"
@@ -188,6 +200,7 @@ def main() -> None:
     )
     share = np.median([row.pilot / row.seconds for row in rows])
     also = f"The search and its compiling took {100 * share:.0f} % of the time in the middle."
+    also += f" {said_so(rows)}"
     lines = costs(rows, kinds, ACCURACY, WANTED)
     lines += costs(finer, [kind_of(case) for case in finer_cases], FINER_ACCURACY, LIMIT)
     version = versions(ACCURACY, rows, older)

@@ -6,20 +6,24 @@ import logging
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import wovenfab
+import wovenfab.study.target_accuracy.plan as plan_module
 from tests.study.test_estimate import ALONE, case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.record.results import CHOICES
-from wovenfab.simulation.response import response_of
+from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.response import Response, response_of
 from wovenfab.simulation.simulation import Simulation
-from wovenfab.stepping.step import Step
+from wovenfab.solver.problem import SolveResult
+from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.target_accuracy.choice import known_start, remember, report_errors
-from wovenfab.study.target_accuracy.estimate import SAFETY
+from wovenfab.study.target_accuracy.estimate import FEW, SAFETY, response_with_degree
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
@@ -130,22 +134,37 @@ def test_runs_that_are_told_of_a_file_use_it(
     assert len(path.read_text().splitlines()) == 2 and used in caplog.text
 
 
-@pytest.mark.parametrize(
-    ("name", "program", "most", "accuracy", "is_repeated"),
-    [
-        ("elastic-1x3", "{type: ramp, to: 80 mm, steps: 40}", 2, "5 %", False),
-        ("bias-1x3", "{type: ramp, to: 100 mm, steps: 40, velocity: 0.1 m/s}", 2, "2 %", True),
-    ],
-)
-def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_if_steps_have_an_error(
-    name: str, program: str, most: int, accuracy: str, is_repeated: bool
-) -> None:
-    """An elastic sheet's steps have none, so that they are cut; friction's do."""
-    few = f"solver.max_iterations={most}", "solver.predictor=none", f"program={program}"
-    case = case_of(name, *few, f"accuracy={accuracy}", "discretisation=null", "time=null")
+REPEATED = "once more with twice the steps, for they cannot be made"
+
+
+def test_trials_of_an_elastic_sheet_whose_steps_cannot_be_made_are_not_repeated() -> None:
+    """Its steps have no error, so that they are cut."""
+    few = "solver.max_iterations=2", "solver.predictor=none"
+    ramp = "program={type: ramp, to: 80 mm, steps: 40}"
+    case = case_of("elastic-1x3", *few, ramp, "accuracy=5 %", "discretisation=null", "time=null")
     chosen, lines = planned(case)
-    repeated = "once more with twice the steps, for they cannot be made" in lines
-    assert repeated == is_repeated
+    assert REPEATED not in lines
+    assert not chosen.shortfall
+
+
+def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_for_all_degrees(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried: list[tuple[int, float]] = []
+
+    def response(case: Case, sheet: Sheet, degree: int, share: float, *more: Any) -> Response:
+        """Pretend that degree 3 cannot be tried with few steps."""
+        tried.append((degree, share))
+        if (degree, share) == (3, FEW):
+            raise StepFailedError(0.0, 0.0, 1.0, SolveResult(False, "REFUSED", 1, 1.0), 0)
+        return response_with_degree(case, sheet, degree, share, *more)
+
+    monkeypatch.setattr(plan_module, "response_with_degree", response)
+    ramp = "program={type: ramp, to: 20 mm, steps: 8, velocity: 0.1 m/s}"
+    case = case_of("bias-1x3", ramp, "accuracy=5 %", "discretisation=null", "time=null")
+    chosen, lines = planned(case)
+    assert lines.count(REPEATED) == 1
+    assert tried[:5] == [(2, FEW), (3, FEW), *((degree, 2 * FEW) for degree in (2, 3, 4))]
     assert not chosen.shortfall
 
 
