@@ -105,7 +105,7 @@ class State:
         """Go on from the states of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
         if self._visited is not None:
-            self._visited = [(d, s, state) for d, s, state in snapshot["visited"]]
+            self._visited = [(d, s, state) for d, s, state in snapshot.get("visited", [])]
         if self._memory:
             self._memory.resume(snapshot[VARIABLES])
         self._model.field.x.array[:] = self.states[0]
