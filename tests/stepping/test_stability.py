@@ -13,6 +13,7 @@ from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.stepping.program import cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.state import State
 
 FRICTION = (*scenes.COUPLED, "slip_friction")
 #: Far beyond the critical load, which is met at 0.03 mm, and not so far.
@@ -102,6 +103,35 @@ def test_a_branch_leads_back_to_the_straight_sheet_and_buckles_again() -> None:
     assert [abs(across) < 1e-8 for s, across in states if s.time in ends] == [True, True]
     peaks = [abs(across) > 0.02 for s, across in states if s.displacement == 2e-3]
     assert peaks == [True, True]
+
+
+def test_the_way_back_is_that_of_the_branch_that_a_step_has_snapped_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The last step there ends on the mirror image of the branch: both its ends are minima."""
+    program, peak, guess = program_of(cycle(0.0, 2e-3, 1.0, 16)), 0.5, State._guess
+
+    def pushed(seed: int) -> scenes.Run:
+        run = scenes.push(sheet(), program, "follow", seed=seed)
+        assert run.failure is None
+        return run
+
+    def at_peak(run: scenes.Run) -> np.ndarray:
+        return run.fields[[s.time for s in run.steps].index(peak)]
+
+    ends = [at_peak(pushed(seed)) for seed in range(4)]
+    mirrored = next(end for end in ends if side(end) * side(ends[0]) < 0)
+    monkeypatch.setattr(
+        State, "_guess", lambda s, t, *to: mirrored if t == peak else guess(s, t, *to)
+    )
+    run = pushed(0)
+    assert at_peak(run) == pytest.approx(mirrored, abs=1e-8)
+    planned = [(s, side(f)) for s, f in zip(run.steps, run.fields, strict=True) if s.milestone]
+    there, back = planned[4:8], planned[-5:-9:-1]
+    for (step, across), (later, mirror) in zip(there, back, strict=True):
+        assert step.time < peak < later.time
+        assert later.displacement == pytest.approx(step.displacement)
+        assert mirror == pytest.approx(-across, rel=1e-6) and abs(across) > 0.01
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, FRICTION], ids=["bonded", "friction"])
