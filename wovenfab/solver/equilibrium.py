@@ -1,7 +1,7 @@
 """The equilibrium of a problem: Newton's method, and stress at points where friction is sharp.
 
 Where Newton's method fails on the smooth friction law, the stress becomes a variable at
-quadrature points from then on. The factor of the tangent shows whether a solution is a minimum.
+quadrature points for some steps. The factor of the tangent shows whether a solution is a minimum.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from wovenfab.solver.globalisation import CrossingLimit
 from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.problem import PetscOptions, Problem, SolveResult, SolverOptions
+from wovenfab.solver.reuse import BackOff
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 #: Iterations after which bounded friction gets its stress at points.
 SMOOTH_ITERATIONS = 12
+#: Tangents up to which a step by the smooth law was easy.
+EASY = SMOOTH_ITERATIONS // 2
 
 
 class EquilibriumSolver:
@@ -34,6 +37,7 @@ class EquilibriumSolver:
 
     Attributes:
         problem: What is solved.
+        model: Its model with smooth laws, whatever is solved at present.
         crossing: Where the families would cross along a direction.
         linear: Solves Newton's linear systems.
         newton: Newton's method.
@@ -53,7 +57,7 @@ class EquilibriumSolver:
             OptionError: If PETSc cannot use an option.
         """
         model = problem.model
-        self.problem, self._options, self._smooth_model = problem, options, model
+        self.problem, self._options, self.model = problem, options, model
         self.crossing = CrossingLimit(model)
         self._petsc_options = PetscOptions(options.options)
         prefix = self._petsc_options.prefix
@@ -72,6 +76,7 @@ class EquilibriumSolver:
         problem.point_stress = self._set_valued
         self._sharp: tuple[Model, PointStress] | None = None
         self._can_use_points = any(t.effect.bound for t in model.balance.terms)
+        self._smooth_law = BackOff("friction by its smooth law fails")
 
     def solve(self) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
@@ -81,7 +86,7 @@ class EquilibriumSolver:
         Collective.
         """
         problem, most = self.problem, self._options.max_iterations
-        if problem.model is not self._smooth_model or not self._can_use_points:
+        if self._is_sharp or not self._can_use_points:
             return self._solve(most)
         field, last = problem.model.field.x.array, problem.model.last.x.array
         start, before = field.copy(), last.copy()
@@ -93,17 +98,24 @@ class EquilibriumSolver:
         again = self._solve(most)
         if again.converged:
             logger.info(
-                "friction has its stress at quadrature points from now on: Newton's method on the "
-                "smooth law ended with %s after %d iterations", result.reason, result.iterations,
+                "friction has its stress at quadrature points: Newton's method on the smooth law "
+                "ended with %s after %d iterations", result.reason, result.iterations,
             )  # fmt: skip
+            self._smooth_law.fail()
         else:  # the friction was not the cause
-            problem.model, problem.point_stress = self._smooth_model, self._set_valued
+            self._use_smooth_law()
         return again
 
     def accept(self) -> None:
         """Take the present stress at points as that of the accepted state."""
         if self.problem.point_stress:
             self.problem.point_stress.accept()
+        if self._is_sharp and not self._smooth_law.waits:
+            self._use_smooth_law()
+        elif self._is_sharp:
+            self._smooth_law.skip()
+        elif self.newton.tangents <= EASY:
+            self._smooth_law.reset()
 
     def restore(self) -> None:
         """Go back to the stress at points of the accepted state."""
@@ -114,7 +126,8 @@ class EquilibriumSolver:
         """Return what later solves depend on."""
         stress = self.problem.point_stress
         return {
-            "sharp": self.problem.model is not self._smooth_model,
+            "sharp": self._is_sharp,
+            "smooth_law": self._smooth_law.snapshot(),
             "stress": stress.snapshot() if stress else None,
             "newton": self.newton.snapshot(),
         }
@@ -123,6 +136,8 @@ class EquilibriumSolver:
         """Go on from a snapshot; collective."""
         if snapshot["sharp"]:
             self._use_points()
+        if "smooth_law" in snapshot:  # else a checkpoint of an earlier version
+            self._smooth_law.resume(snapshot["smooth_law"])
         if self.problem.point_stress and snapshot["stress"]:
             self.problem.point_stress.resume(snapshot["stress"])
         self.newton.resume(snapshot["newton"])
@@ -144,7 +159,7 @@ class EquilibriumSolver:
 
     def plastic_force(self) -> NDArray[np.float64] | float:
         """Return the part of the force (N) of set-valued friction; 0 without any."""
-        forms = self._smooth_model.friction_force
+        forms = self.model.friction_force
         return self.problem.force_of(forms) if forms else 0.0
 
     def tangent(self) -> Any:
@@ -183,12 +198,22 @@ class EquilibriumSolver:
         self.linear.forget()
         self.newton.solution.set(0.0)
 
+    @property
+    def _is_sharp(self) -> bool:
+        """Whether all bounded friction has its stress at points at present."""
+        return self.problem.model is not self.model
+
     def _use_points(self) -> None:
         """Change to forms with the stress of all bounded friction at points."""
         if self._sharp is None:
-            model = with_point_friction(self._smooth_model)
+            model = with_point_friction(self.model)
             self._sharp = model, self._stress_of(model)
         self.problem.model, self.problem.point_stress = self._sharp
+        self.problem.point_stress.forget()
+
+    def _use_smooth_law(self) -> None:
+        """Change back to the model's own forms."""
+        self.problem.model, self.problem.point_stress = self.model, self._set_valued
 
     def _stress_of(self, model: Model) -> PointStress:
         from wovenfab.solver.point_friction import PointStress

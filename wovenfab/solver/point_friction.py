@@ -85,6 +85,11 @@ class PointStress:
         self._move: Increment | None = None
         self._force, self._solution = (model.field.x.petsc_vec.duplicate() for _ in range(2))
 
+    def forget(self) -> None:
+        """Forget earlier steps."""
+        self._accepted = self._stress = np.zeros_like(self.points.bound)
+        self._stiffness = self._secant = None
+
     def begin(self, diagonal: Callable[[], float]) -> None:
         """Begin a step at the accepted stresses; collective.
 
