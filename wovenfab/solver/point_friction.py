@@ -2,7 +2,6 @@
 
 Each step solves twice with one factor of the tangent (Mehrotra): the predictor aims at the law
 itself, the corrector adds the centring and the second-order terms that the predictor gives.
-``FrictionPoints`` are the points.
 
 For tangent-linear equations a stress follows d tau = D (db - db|tau): its tangent D, the change of
 the increment b with the present and the earlier states, and that which a parameter causes at fixed
@@ -33,8 +32,8 @@ from wovenfab.solver.linear import LinearSolver
 Array = NDArray[np.float64]
 #: Largest length of a step over that at which a bound is reached; exponent of the centring.
 SHARE, CENTRING = 0.995, 4
-#: Largest number of centrality corrections; step length from which none is tried; gain in
-#: length that a correction aims at, and the one that it must give.
+#: Largest number of centrality corrections; step length from which none is tried; gain in length
+#: that a correction aims at, and the one that it must give.
 CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
 #: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
@@ -43,8 +42,8 @@ CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
-#: Energy by which the law may be missed, in units of the tolerance: over the dissipated energy,
-#: or where that is small over the energy of the sheet.
+#: Energy by which the law may be missed over the tolerance and what is lost or, if that allows
+#: more, the energy of the sheet.
 OF_LOSS, OF_ENERGY = 100.0, 0.1
 HUGE = 1e30
 #: Stiffness of a point that sticks, over that of the sheet, where the law is linearised.
@@ -75,10 +74,7 @@ class PointStress:
         self.points = points = FrictionPoints(model.point_frictions, model.space)
         self._interior = InteriorPoint(points.bound, points.area)
         self._area = self._sum(float(points.area.sum()))
-        self._stress = np.zeros_like(points.bound)  # the present one
-        self._accepted = self._stress
-        self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
-        self._secant: Array | None = None  # most that the last step suggests, N/m^3
+        self.forget()
         self.diagonal = 0.0
         self._started = self._moved = False
         self._increment = self._tangent = self._creep = self._stress
@@ -87,8 +83,9 @@ class PointStress:
 
     def forget(self) -> None:
         """Forget earlier steps."""
-        self._accepted = self._stress = np.zeros_like(self.points.bound)
-        self._stiffness = self._secant = None
+        self._accepted = self._stress = np.zeros_like(self.points.bound)  # the present stress
+        self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
+        self._secant: Array | None = None  # most that the last step suggests, N/m^3
 
     def begin(self, diagonal: Callable[[], float]) -> None:
         """Begin a step at the accepted stresses; collective.
@@ -115,8 +112,8 @@ class PointStress:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the accepted stresses, and stiffnesses once they are known."""
-        known = {k: getattr(self, k) for k in MEMORY}
-        values = {k: None if v is None else self.points.by_cell(v) for k, v in known.items()}
+        known = {k: v for k in MEMORY if (v := getattr(self, k)) is not None}
+        values = {k: self.points.by_cell(v) for k, v in known.items()}
         return values | {"diagonal": self.diagonal}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
@@ -201,8 +198,7 @@ class PointStress:
 
     def advance(self, length: float) -> None:
         """Take a step of some length."""
-        if self._started:
-            assert self._move is not None
+        if self._started and self._move is not None:
             self._interior.advance(self._move, length)
         self._moved = not self._idle
 
@@ -235,8 +231,7 @@ class PointStress:
             assert self._stiffness is not None
             tangent = most = STUCK * self._stiffness
             if self._started:
-                _, slope = self.points.creep()
-                tangent = self._interior.tangent(slope, most)
+                tangent = self._interior.tangent(self.points.creep()[1], most)
                 by_bound = -self._interior.bound_slope()
         self.points.put_tangent(tangent)
         return tangent, by_bound
