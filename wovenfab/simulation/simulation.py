@@ -84,7 +84,6 @@ class Simulation:
             model = model_of(case, sheet)
             require_memory(case, model.unknowns, model.comm)
             require_values(case, model)
-        self.model = model
         problem = Problem(model, constraints_of(case, model))
         self.case, self.program = case, program_of_case(case)
         try:
@@ -107,6 +106,11 @@ class Simulation:
             self.stepper.control_force(self._edge, self._direction)
         self._prepared = False
         self.outcome = Outcome()
+
+    @property
+    def model(self) -> Model:
+        """The compiled model, whose field is the present state."""
+        return self.solver.model
 
     @property
     def comm(self) -> MPI.Comm:

@@ -31,7 +31,7 @@ FARTHEST_AHEAD = 4.0
 #: relative, below which they are the same.
 VISITED, SAME = 16, 1e-9
 #: Distance from the linearly extrapolated state, over the change in a step, from which the step
-#: counts as a snap. On fabrics in bias extension it is below 0.01.
+#: counts as a snap. In bias extension it is far below, in a snap about one.
 SNAP = 0.3
 #: What a later step depends on.
 MEMORY = "time", "number", "states", "steps", "at_rest", "displacements", "before"
