@@ -28,9 +28,9 @@ def solve(
     """Minimise b·K b/2 - f·b + sum zeta |b|; return b, the stress and the iterations."""
     interior = InteriorPoint(bound, np.ones_like(bound))
     size = np.abs(force).max() / np.diag(stiffness).max()
-    interior.place(force)
-    interior.split(np.zeros_like(bound), np.full_like(bound, size))
     b = np.zeros_like(bound)
+    interior.place(force, b)
+    interior.split(b, np.full_like(bound, 0.1 * size), level=False)
     for iteration in range(1, 40):
         value, slope = creep(interior.stress)
         tangent = interior.tangent(slope, np.full_like(bound, 1e3 * np.diag(stiffness).max()))

@@ -30,12 +30,13 @@ from wovenfab.model.assembly import compile_expression, compile_expressions
 from wovenfab.model.memory import PointValues
 
 Array = NDArray[np.float64]
-#: Start of the method: largest stress over its bound, and p and q over a large increment.
-START_STRESS, START_SLIP = 0.5, 0.1
+#: Largest distance of a stress from its bound at the start, over the bound.
+START_ROOM = 0.5
 #: Range of the products p (zeta - tau), over their mean, without a correction (Gondzio, 1996).
 LEAST, MOST = 0.1, 10.0
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
+HUGE = 1e30
 #: Least bound that varies, N/m^2: a point of none is left out for good, which such a one is not.
 LEAST_BOUND = 1e-6
 
@@ -79,15 +80,46 @@ class InteriorPoint:
         self.stress = np.zeros_like(bound)
         self._up, self._down = np.zeros_like(bound), np.zeros_like(bound)
 
-    def place(self, stress: Array) -> None:
-        """Start at a stress, moved well inside its bounds."""
-        limit = START_STRESS * self.bound
-        self.stress = np.clip(stress, -limit, limit)
+    def missed_and_lost(
+        self, increment: Array, stress: Array, least: Array, soft: Array
+    ) -> tuple[float, float]:
+        """Return the energies (J) by which Coulomb's law is missed and which is lost.
 
-    def split(self, increment: Array, large: Array) -> None:
-        """Start with p and q from an increment less its creep, and what is a large one."""
-        self._up = np.maximum(increment, 0.0) + START_SLIP * large
-        self._down = np.maximum(-increment, 0.0) + START_SLIP * large
+        Args:
+            increment: b.
+            stress: It may be beyond its bounds.
+            least: Increment that counts as none.
+            soft: Stiffness by which a stress beyond its bound leads to another increment, N/m^3.
+        """
+        inside = np.clip(stress, -self.bound, self.bound)
+        beyond = self.bound * np.abs(stress - inside) / soft
+        missed = self.bound * np.abs(increment) - inside * increment + beyond
+        lost = self.bound * np.maximum(np.abs(increment), least)
+        return float(self.area @ missed), float(self.area @ lost)
+
+    def place(self, stress: Array, increment: Array, slip: Array | None = None) -> None:
+        """Start at a stress, moved inside its bounds.
+
+        Args:
+            stress: It may be beyond its bounds.
+            increment: That belongs to it.
+            slip: Its error, if both are nearly right.
+        """
+        share = START_ROOM if slip is None else slip / (np.abs(increment) + slip)
+        room = self.bound * np.minimum(START_ROOM, share)
+        self.stress = np.clip(stress, room - self.bound, self.bound - room)
+
+    def split(self, increment: Array, slip: Array, level: bool) -> None:
+        """Start with p and q from an increment less its creep.
+
+        Args:
+            increment: p - q.
+            slip: Least value of both, m.
+            level: Their products with the room of the stress are about the same everywhere.
+        """
+        above, below = self._room() if level else (self.bound, self.bound)
+        up, down = slip * self.bound / above, slip * self.bound / below
+        self._up, self._down = np.maximum(up, down + increment), np.maximum(down, up - increment)
 
     def tangent(self, creep_slope: Array, most: Array) -> Array:
         """Return d tau/d b of the linearised law, N/m^3.
@@ -312,13 +344,23 @@ class FrictionPoints:
         repeated: Array = np.repeat(most, sizes)[self._acting]
         return repeated
 
-    def one_by_one(self) -> list[Array]:
-        """Return for each friction an array that is one at its points, zero at the others."""
-        parts = self._parts(np.ones_like(self.bound))
-        return [
-            np.concatenate([p * float(i == k) for k, p in enumerate(parts)])[self._acting]
-            for i in range(len(parts))
-        ]
+    def stiffness(self, diagonal: Callable[[], float]) -> tuple[float, Array]:
+        """Return the size of the tangent's diagonal (N/m), and the sheet's stiffness (N/m^3).
+
+        Args:
+            diagonal: Assembles the tangent and returns the size of its diagonal, N/m; collective.
+        """
+        none = stiffness = np.zeros_like(self.bound)
+        self.put_stress(none)
+        self.put_tangent(none)
+        size = diagonal()
+        for i in range(len(self._rules)):
+            mine = [part + float(i == k) for k, part in enumerate(self._parts(none))]
+            here = np.concatenate(mine)[self._acting]
+            self.put_tangent(HUGE * here)
+            stiffness = stiffness + here * size / (diagonal() / HUGE)
+        self.put_tangent(none)
+        return size, stiffness
 
     def compiled(self, symbols: Sequence[Any]) -> list[fem.Expression | None]:
         """Return one expression for each friction, compiled at its points; collective.

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 from forms.effect import Target, along_fields, by_parameter
 from forms.friction import PointFriction
 from wovenfab.model.model import Model
-from wovenfab.solver.interior_point import Aim, FrictionPoints, Increment, InteriorPoint
+from wovenfab.solver.interior_point import HUGE, Aim, FrictionPoints, Increment, InteriorPoint
 from wovenfab.solver.linear import LinearSolver
 
 Array = NDArray[np.float64]
@@ -35,23 +35,23 @@ SHARE, CENTRING = 0.995, 4
 #: Largest number of centrality corrections; step length from which none is tried; gain in length
 #: that a correction aims at, and the one that it must give.
 CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
-#: Stiffness of friction in a step's first iteration: at most, before any step and, later, largest,
-#: all over that of the sheet. The solution depends on none. A point of fine cells finds the sheet
-#: as stiff as its yarns in tension; it may be a million times softer in shear. And at most over
-#: the secant: the bound over the largest increment of the last step.
+#: Stiffness of friction over that of the sheet, as stiff as its yarns in tension, maybe a million
+#: times softer in shear: in the first iteration at most, before any step and, later, largest; and
+#: at most over the secant: the bound over the largest increment of the last step.
 FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
+#: Least p and q at the start over a large increment: in general, and where the last step goes on:
+#: at least, and over the share of energy by which the law is missed; share from which it does not.
+START_SLIP, NEAREST, PER_MISS, MISLED = 0.1, 0.003, 0.2, 0.5
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
-#: Energy by which the law may be missed over the tolerance and what is lost or, if that allows
-#: more, the energy of the sheet.
+#: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
 OF_LOSS, OF_ENERGY = 100.0, 0.1
-HUGE = 1e30
 #: Stiffness of a point that sticks, over that of the sheet, where the law is linearised.
 STUCK = 1e7
 #: Least distance of a stress from its bound there, over the bound.
 INSIDE = 1e-12
 #: Values at points that later steps depend on.
-MEMORY = ("_accepted", "_stiffness", "_secant")
+MEMORY = ("_accepted", "_stiffness", "_secant", "_last")
 
 
 class PointStress:
@@ -75,17 +75,20 @@ class PointStress:
         self._interior = InteriorPoint(points.bound, points.area)
         self._area = self._sum(float(points.area.sum()))
         self.forget()
-        self.diagonal = 0.0
         self._started = self._moved = False
-        self._increment = self._tangent = self._creep = self._stress
+        self._increment = self._tangent = self._creep = self._least = self._stress
         self._move: Increment | None = None
         self._force, self._solution = (model.field.x.petsc_vec.duplicate() for _ in range(2))
 
     def forget(self) -> None:
         """Forget earlier steps."""
-        self._accepted = self._stress = np.zeros_like(self.points.bound)  # the present stress
-        self._stiffness: Array | None = None  # of the sheet, as seen by each point, N/m^3
-        self._secant: Array | None = None  # most that the last step suggests, N/m^3
+        none = np.zeros_like(self.points.bound)
+        self._accepted = self._stress = none  # the present stress
+        self._stiffness = none  # of the sheet, as seen by each point, N/m^3
+        self._secant = none  # most that the last step suggests for the first iteration, N/m^3
+        self._last: Array | None = None  # d tau/d b at its end, N/m^3
+        self._goes_on = False  # whether the present step goes on as the last one
+        self.diagonal = 0.0
 
     def begin(self, diagonal: Callable[[], float]) -> None:
         """Begin a step at the accepted stresses; collective.
@@ -96,8 +99,13 @@ class PointStress:
         self._started = self._moved = False
         if (points := self.points).renew():
             self._accepted = np.clip(self._accepted, -points.bound, points.bound)
-        if self._stiffness is None:
-            self._stiffness = self._sheet_stiffness(diagonal)
+        if not self.diagonal:
+            self.diagonal, self._stiffness = points.stiffness(diagonal)
+            self._secant = UNKNOWN * self._stiffness
+        self._least = NOTHING * points.bound / (FIRST * self._stiffness)
+        self._goes_on = False  # while this is measured
+        if self._last is not None:
+            self._goes_on = self._share_missed(points.increments(), self._accepted) < MISLED
 
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
@@ -105,9 +113,11 @@ class PointStress:
         largest = self.points.largest(self._increment)
         if self._sum(float(largest.any())) and not self._idle:  # a rank may have no such point
             self._secant = SECANT * self.points.bound / np.maximum(largest, 1 / HUGE)
+        self._last = self._present_tangent() if self._started else None
 
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
+        self._last = None
         self._set_stress(self._accepted)
 
     def snapshot(self) -> dict[str, Any]:
@@ -121,7 +131,7 @@ class PointStress:
         for name in filter(snapshot.get, MEMORY):
             setattr(self, name, self.points.of_cells(snapshot[name]))
         self.diagonal = snapshot["diagonal"]
-        self.restore()
+        self._set_stress(self._accepted)
 
     def prepare_force(self, attained: bool) -> None:
         """Give the forms the stresses of the model's present field; collective.
@@ -137,18 +147,15 @@ class PointStress:
             self._set_stress(self._interior.stress)
             return
         first = self._first()
-        self.points.put_tangent(first)
+        self.points.put_tangent(first)  # what is prescribed and not yet attained acts by it
         self._set_stress(self._accepted + first * self._increment)
         if attained and self._moved:
             self._start()
 
     def prepare_tangent(self) -> None:
         """Give the forms d tau/d b."""
-        self._tangent = self._first() * float(not self._idle)
-        if self._started:
-            assert self._stiffness is not None
-            self._creep, slope = self.points.creep()
-            self._tangent = self._interior.tangent(slope, LARGEST * self._stiffness)
+        tangent = self._present_tangent() if self._started else self._first()
+        self._tangent = tangent * float(not self._idle)
         self.points.put_tangent(self._tangent)
 
     def add_force(self, b: Any) -> None:
@@ -228,11 +235,9 @@ class PointStress:
         """
         tangent = by_bound = np.zeros_like(self._accepted)
         if not self._idle:
-            assert self._stiffness is not None
-            tangent = most = STUCK * self._stiffness
+            tangent = STUCK * self._stiffness
             if self._started:
-                tangent = self._interior.tangent(self.points.creep()[1], most)
-                by_bound = -self._interior.bound_slope()
+                tangent, by_bound = self._present_tangent(STUCK), -self._interior.bound_slope()
         self.points.put_tangent(tangent)
         return tangent, by_bound
 
@@ -255,22 +260,31 @@ class PointStress:
         return float(self._acting.value) == 0 or self._area == 0
 
     def _first(self) -> Array:
-        """Return d tau/d b for the first iteration: nearly as if all slid as in the last step."""
-        assert self._stiffness is not None
-        if self._secant is None:
-            return UNKNOWN * self._stiffness
-        return np.minimum(FIRST * self._stiffness, self._secant)
+        """Return d tau/d b for the first iteration: that of the last step, or as if all slid."""
+        if self._goes_on and self._last is not None:
+            return self._last
+        return np.asarray(np.minimum(FIRST * self._stiffness, self._secant))
+
+    def _present_tangent(self, largest: float = LARGEST) -> Array:
+        self._creep, slope = self.points.creep()
+        return self._interior.tangent(slope, largest * self._stiffness)
+
+    def _share_missed(self, increment: Array, stress: Array) -> float:
+        """Return the energy by which a law is missed over that which is lost; collective."""
+        soft = np.minimum(self._first(), FIRST * self._stiffness)
+        parts = self._interior.missed_and_lost(increment, stress, self._least, soft)
+        return self._sum(parts[0]) / self._sum(parts[1])
 
     def _start(self) -> None:
         """Start the interior-point method from where the first step has led."""
-        points, interior = self.points, self._interior
-        assert self._stiffness is not None
-        least = NOTHING * points.bound / (FIRST * self._stiffness)
-        interior.place(self._stress)
+        points, interior, increment = self.points, self._interior, self._increment
+        share = self._share_missed(increment, self._stress)
+        near = self._goes_on and share < MISLED
+        slip = np.maximum(points.largest(increment), self._least)
+        slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
+        interior.place(self._stress, increment, slip if near else None)
         self._set_stress(interior.stress)
-        creep, _ = points.creep()
-        slip = np.maximum(points.largest(self._increment), least)
-        interior.split(self._increment - creep, slip)
+        interior.split(increment - points.creep()[0], slip, near)
         self._started = True
 
     def _longest(self, move: Increment) -> float:
@@ -298,20 +312,6 @@ class PointStress:
         self._solution.axpy(1.0, plain)
         changes = self.points.changes(-self._solution.array_r)
         return self._interior.move(excess + self._tangent * changes, aim)
-
-    def _sheet_stiffness(self, diagonal: Callable[[], float]) -> Array:
-        """Return the stiffness (N/m^3) of the sheet at each point, by the tangents' sizes."""
-        points = self.points
-        none = np.zeros_like(points.bound)
-        points.put_stress(none)
-        points.put_tangent(none)
-        self.diagonal = diagonal()
-        stiffness = none
-        for mine in points.one_by_one():
-            points.put_tangent(HUGE * mine)
-            stiffness = stiffness + mine * self.diagonal / (diagonal() / HUGE)
-        points.put_tangent(none)
-        return stiffness
 
     def _set_stress(self, stress: Array) -> None:
         self._stress = stress
