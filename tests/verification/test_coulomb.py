@@ -25,6 +25,7 @@ from tests.verification.test_closed_forms import (
     slider,
 )
 from wovenfab.model.model import Model, Numerics
+from wovenfab.solver import point_friction
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.time_stepper import TimeStepper
@@ -108,6 +109,20 @@ def test_stress_stays_bounded_and_no_step_gains_energy(kind: str, scheme: str) -
     assert max(largest) > 0.99 * KINDS[kind]  # somewhere it slides
     assert np.diff([*map(scenes.lost, steps)]).min() >= 0
     assert max(s.iterations for s in steps) <= MOST
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_step_that_goes_on_as_the_last_one_takes_less_and_ends_the_same(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program = program_of([ramp(0.0, 0.02, 0.2, 24), ramp(0.02, 0.01, 0.1, 12)])
+    near = scenes.march(sheet_with(kind), program)
+    monkeypatch.setattr(point_friction, "MISLED", -1.0)  # none goes on
+    far = scenes.march(sheet_with(kind), program)
+    size = np.abs(scenes.forces(far)).max()
+    assert scenes.forces(near) == pytest.approx(scenes.forces(far), rel=0, abs=1e-6 * size)
+    assert scenes.lost(near[-1]) == pytest.approx(scenes.lost(far[-1]), rel=1e-5)
+    assert sum(s.iterations for s in near) < 0.85 * sum(s.iterations for s in far)
 
 
 def test_the_energy_balances_the_better_the_shorter_the_steps() -> None:

@@ -2,10 +2,6 @@
 
 Each step solves twice with one factor of the tangent (Mehrotra): the predictor aims at the law
 itself, the corrector adds the centring and the second-order terms that the predictor gives.
-
-For tangent-linear equations a stress follows d tau = D (db - db|tau): its tangent D, the change of
-the increment b with the present and the earlier states, and that which a parameter causes at fixed
-stress, by the bound and by creep.
 """
 
 from __future__ import annotations
@@ -39,17 +35,18 @@ CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: times softer in shear: in the first iteration at most, before any step and, later, largest; and
 #: at most over the secant: the bound over the largest increment of the last step.
 FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
-#: Least p and q at the start over a large increment: in general, and where the last step goes on:
-#: at least, and over the share of energy by which the law is missed; share from which it does not.
-START_SLIP, NEAREST, PER_MISS, MISLED = 0.1, 0.003, 0.2, 0.5
+#: Least p and q at the start over a large increment: in general and, where the last step goes on,
+#: at least, and over the share of energy by which the laws are missed.
+START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
+#: That share from which it does not go on, and from which the first iteration led nowhere.
+MISLED, LOST = 0.5, 10.0
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
 #: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
 OF_LOSS, OF_ENERGY = 100.0, 0.1
-#: Stiffness of a point that sticks, over that of the sheet, where the law is linearised.
-STUCK = 1e7
-#: Least distance of a stress from its bound there, over the bound.
-INSIDE = 1e-12
+#: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
+#: distance of a stress from its bound, over the bound.
+STUCK, INSIDE = 1e7, 1e-12
 #: Values at points that later steps depend on.
 MEMORY = ("_accepted", "_stiffness", "_secant", "_last")
 
@@ -103,9 +100,9 @@ class PointStress:
             self.diagonal, self._stiffness = points.stiffness(diagonal)
             self._secant = UNKNOWN * self._stiffness
         self._least = NOTHING * points.bound / (FIRST * self._stiffness)
-        self._goes_on = False  # while this is measured
-        if self._last is not None:
-            self._goes_on = self._share_missed(points.increments(), self._accepted) < MISLED
+        self._increment = points.increments()
+        self._set_stress(self._accepted)
+        self._goes_on = self._last is not None and self._share_missed()[0] < MISLED
 
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
@@ -122,8 +119,8 @@ class PointStress:
 
     def snapshot(self) -> dict[str, Any]:
         """Return the accepted stresses, and stiffnesses once they are known."""
-        known = {k: v for k in MEMORY if (v := getattr(self, k)) is not None}
-        values = {k: self.points.by_cell(v) for k, v in known.items()}
+        known = ((name, v) for name in MEMORY if (v := getattr(self, name)) is not None)
+        values = {name: self.points.by_cell(v) for name, v in known}
         return values | {"diagonal": self.diagonal}
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
@@ -146,11 +143,10 @@ class PointStress:
         if self._started:
             self._set_stress(self._interior.stress)
             return
-        first = self._first()
-        self.points.put_tangent(first)  # what is prescribed and not yet attained acts by it
-        self._set_stress(self._accepted + first * self._increment)
-        if attained and self._moved:
-            self._start()
+        self._extrapolate()
+        if attained and self._moved and not self._start():
+            self._goes_on = self._moved = False  # the first step once more, as if all slid
+            self._extrapolate()
 
     def prepare_tangent(self) -> None:
         """Give the forms d tau/d b."""
@@ -261,31 +257,40 @@ class PointStress:
 
     def _first(self) -> Array:
         """Return d tau/d b for the first iteration: that of the last step, or as if all slid."""
-        if self._goes_on and self._last is not None:
-            return self._last
-        return np.asarray(np.minimum(FIRST * self._stiffness, self._secant))
+        slid = np.minimum(FIRST * self._stiffness, self._secant)
+        return np.asarray(self._last if self._goes_on else slid)
 
     def _present_tangent(self, largest: float = LARGEST) -> Array:
         self._creep, slope = self.points.creep()
         return self._interior.tangent(slope, largest * self._stiffness)
 
-    def _share_missed(self, increment: Array, stress: Array) -> float:
-        """Return the energy by which a law is missed over that which is lost; collective."""
-        soft = np.minimum(self._first(), FIRST * self._stiffness)
-        parts = self._interior.missed_and_lost(increment, stress, self._least, soft)
-        return self._sum(parts[0]) / self._sum(parts[1])
+    def _extrapolate(self) -> None:
+        """Go on from the accepted stresses by the first tangent."""
+        first = self._first()
+        self.points.put_tangent(first)  # what is prescribed and not yet attained acts by it
+        self._set_stress(self._accepted + first * self._increment)
 
-    def _start(self) -> None:
-        """Start the interior-point method from where the first step has led."""
-        points, interior, increment = self.points, self._interior, self._increment
-        share = self._share_missed(increment, self._stress)
+    def _share_missed(self) -> tuple[float, Array]:
+        """Return the energy by which laws are missed over the loss, b less creep; collective."""
+        with self.off_bounds():
+            sliding = self._increment - self.points.creep()[0]
+        soft = np.minimum(self._first(), FIRST * self._stiffness)
+        parts = self._interior.missed_and_lost(sliding, self._stress, self._least, soft)
+        return self._sum(parts[0]) / self._sum(parts[1]), sliding
+
+    def _start(self) -> bool:
+        """Start the interior-point method where the first step has led, unless that is nowhere."""
+        interior, (share, sliding) = self._interior, self._share_missed()
+        if self._goes_on and share > LOST:
+            return False
         near = self._goes_on and share < MISLED
-        slip = np.maximum(points.largest(increment), self._least)
+        slip = np.maximum(self.points.largest(self._increment), self._least)
         slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
-        interior.place(self._stress, increment, slip if near else None)
+        interior.place(self._stress, sliding, slip if near else None)
         self._set_stress(interior.stress)
-        interior.split(increment - points.creep()[0], slip, near)
+        interior.split(self._increment - self.points.creep()[0], slip, level=near)
         self._started = True
+        return True
 
     def _longest(self, move: Increment) -> float:
         """Return the step length at which the first point reaches a bound; collective."""
@@ -322,7 +327,10 @@ class PointStress:
 
 
 class PointSensitivity:
-    """How the stresses at points change with parameters and earlier states."""
+    """Changes d tau = D (db - db|tau) of stresses at points by parameters and earlier states.
+
+    D is the tangent; b changes with the states and, at fixed stress, by the bound and by creep.
+    """
 
     def __init__(
         self,
@@ -378,17 +386,8 @@ class PointSensitivity:
         self._stress.add_force_of(self._change(target), b)
 
     def stress(self, target: int, along: Array) -> Array:
-        """Return the change of the stresses by a parameter.
-
-        Args:
-            target: Its number.
-            along: Change of the present state at own unknowns.
-        """
+        """Return the changes by parameter ``target``, which changes own unknowns ``along`` (m)."""
         return np.asarray(self._change(target) + self._tangent * self._stress.points.changes(along))
-
-    def add_force_of(self, stresses: Array, b: Any) -> None:
-        """Add the force of given stresses; ghosts are not yet summed."""
-        self._stress.add_force_of(stresses, b)
 
     def _change(self, target: int) -> Array:
         def change(slopes: tuple[Any, list[Any]]) -> Array:

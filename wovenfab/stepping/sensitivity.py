@@ -204,8 +204,8 @@ class TangentLinear:
         for k in range(len(self.targets)):
             self._directions.set(k, self._states)
             self._assemble(forms, k)
-            if points:
-                points.add_force_of(self._stresses[k], self._b)
+            if stress := self._problem.point_stress:
+                stress.add_force_of(self._stresses[k], self._b)
             self._b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             force[k] = self._virtual[:own] @ self._b.array_r + action @ self._now[k][:own]
         return self._sum(force)
