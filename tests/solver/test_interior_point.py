@@ -101,6 +101,26 @@ def test_points_that_stiff_springs_tie_together_find_the_state_that_brute_force_
     assert iterations <= MOST
 
 
+@pytest.mark.parametrize(
+    ("stress", "increment", "meets"),
+    [(2.0, 1.0, True), (-2.0, -3.0, True), (0.7, 0.0, True), (5.0, 1.0, True), (2.0, -1.0, False)],
+)
+def test_a_start_near_the_law_has_small_products_where_it_is_met(
+    stress: float, increment: float, meets: bool
+) -> None:
+    """Points that slide, stick, are beyond their bound of 2, and slide against their stress."""
+    interior = InteriorPoint(np.array([2.0]), np.ones(1))
+    b, slip = np.array([increment]), np.array([0.01])
+    interior.place(np.array([stress]), b, slip)
+    interior.split(b, slip, level=True)
+    assert abs(interior.stress[0]) < 2
+    assert interior.stress[0] == pytest.approx(np.clip(stress, -2, 2), abs=0.03)
+    assert interior.loss() >= 2 * abs(increment)
+    level = 2 * 0.01
+    assert 2 * level <= interior.gap() * (1 + 1e-9)
+    assert (interior.gap() <= 4 * level) == meets
+
+
 @pytest.mark.parametrize("slope", [1.0, 1e3, 1e6, 1e12])
 def test_a_law_that_creeps_is_met_however_sharp_it_is(slope: float) -> None:
     """artanh(tau)/slope + tau/K = f/K for a slider that is pushed at both its sides."""
