@@ -102,7 +102,8 @@ class PointStress:
         self._least = NOTHING * points.bound / (FIRST * self._stiffness)
         self._increment = points.increments()
         self._set_stress(self._accepted)
-        self._goes_on = self._last is not None and self._share_missed()[0] < MISLED
+        extrapolated = self._last is not None and self._sum(float(self._increment.any())) > 0
+        self._goes_on = extrapolated and self._share_missed()[0] < MISLED
 
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
