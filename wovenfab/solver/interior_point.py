@@ -36,6 +36,7 @@ START_ROOM = 0.5
 LEAST, MOST = 0.1, 10.0
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
+#: Stands for infinity.
 HUGE = 1e30
 #: Least bound that varies, N/m^2: a point of none is left out for good, which such a one is not.
 LEAST_BOUND = 1e-6
