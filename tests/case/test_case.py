@@ -146,7 +146,7 @@ def test_what_is_written_names_every_default(example: str, write_case: WriteCase
     newton = {"max_iterations", "tolerance", "tangent", "predictor", "factor", "petsc"}
     assert set(written["solver"]) == newton | {"stability", "seed"}
     assert written["solver"]["stability"] == "stop"
-    assert set(written["time"]) == {"steps_per_cycle", "scheme", "smallest_step"}
+    assert set(written["time"]) == {"steps_per_cycle", "scheme", "smallest_step", "extra_times"}
     assert set(written["output"]) == {"fields", "every", "pictures", "checkpoint", "probes"}
     assert written["discretisation"]["penalty"] == "auto"
     assert written["sheet"]["length"] == "0.9 m"

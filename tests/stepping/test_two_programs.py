@@ -86,6 +86,23 @@ def test_a_short_ramp_beside_a_long_hold_is_not_lost() -> None:
         assert ends == {(0.0, 0.0), (1.0, 1.0)}
 
 
+@pytest.mark.parametrize("sections", [{}, {"second_program": None, "boundary": ONE}])
+def test_steps_end_at_extra_times_and_are_about_as_long_as_before(sections: Any) -> None:
+    cycles = {"type": "cycles", "amplitudes": ["2 mm", "4 mm"], "frequency": "1 Hz"}
+    usual = square(program=cycles, **sections)
+    case = usual.changed({"time.extra_times": ["0.3 s", "1.255 s", "9 s"]})
+    before, program = program_of_case(usual), program_of_case(case)
+    planned, times = (np.array([m.time for m in p.milestones]) for p in (before, program))
+    assert {0.3, 0.5, 1.0, 1.255, 1.5, 2.0} <= set(times)
+    assert 9.0 not in times
+    assert planned_steps(case) == len(times) - 1 <= len(planned) + 1
+    assert np.diff(times).max() <= np.diff(planned).max() + 1e-12
+    assert program.cycles == pytest.approx(before.cycles)
+    for t in times:
+        assert program.value(t) == pytest.approx(before.value(t), abs=1e-17)
+        assert program.second(t) == pytest.approx(before.second(t), abs=1e-17)
+
+
 def test_ends_that_rounding_parts_are_one() -> None:
     thirds = [ramp(i / 10, (i + 1) / 10, 0.1, 1) for i in range(3)]
     assert sum(s.duration for s in thirds) != 0.3

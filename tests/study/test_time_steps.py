@@ -17,6 +17,7 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
+from wovenfab.stepping.program import program_of_case
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
@@ -26,7 +27,12 @@ from wovenfab.study.target_accuracy.estimate import (
     response_with_degree,
     worst,
 )
-from wovenfab.study.target_accuracy.time_steps import StepSearch, adaptive_steps
+from wovenfab.study.target_accuracy.time_steps import (
+    StepSearch,
+    TimeSteps,
+    adaptive_steps,
+    equal_steps,
+)
 
 
 @pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
@@ -138,7 +144,7 @@ def test_equal_steps_are_whole_again_after_shorter_first_ones() -> None:
 
 
 @pytest.mark.parametrize("target", [0.004, 0.001])
-def test_the_number_of_equal_steps_is_such_that_one_meets_the_peak(target: float) -> None:
+def test_equal_steps_meet_the_peak(target: float) -> None:
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), target)
     search = StepSearch(case, ALONE, str)
     chosen = search.steps_for(target)
@@ -149,6 +155,37 @@ def test_the_number_of_equal_steps_is_such_that_one_meets_the_peak(target: float
     print(f"\n{response.count} steps: missed {missed:.2e}, expected {chosen.missed:.2e}")
     assert missed < target
     assert missed < 2 * chosen.missed + target / 20
+
+
+def test_one_more_step_ends_at_the_peak_of_every_largest_cycle() -> None:
+    """The trial is one cycle; the run has two of that amplitude, and a smaller one."""
+    cycles = "{type: cycles, amplitudes: [60, 30, 60 mm], max_velocity: 0.5 m/s}"
+    case = case_of("bias-1x3", f"program={cycles}", "time.scheme=bdf3", elements(2, 0.15))
+    trial = trial_of(case, 0.01)
+    coarse = response_of(with_steps(trial, 0.3), sheet(trial))
+    search = StepSearch(trial, ALONE, str)
+    missed, extra = search._missed(with_steps(trial, 0.15), coarse)
+    assert len(extra) == 1
+    steps = TimeSteps(equal_steps, 0.6, {}, 0.0, {}, missed, extra)
+    chosen = steps.of(case)
+    first, small, _ = (end for _, end in program_of_case(case).cycles)
+    assert chosen.time.extra_times == pytest.approx((extra[0], small + extra[0]))
+    assert small > first > extra[0]
+    met, not_met = (
+        missed_peak(r.times, r.forces)
+        for r in (response_of(c, sheet(trial)) for c in (steps.of(trial), with_steps(trial, 0.15)))
+    )
+    print(f"\nmissed {met:.2e} with a step more, {not_met:.2e} without, expected {missed:.2e}")
+    assert met < not_met / 5
+
+
+def test_no_step_is_added_close_to_a_planned_one() -> None:
+    case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), 0.01)
+    response = response_of(with_steps(case, 0.3), sheet(case))
+    search = StepSearch(case, ALONE, str)
+    peak = peak_of_spline(response.times, response.forces)[0]
+    search._delay = response.times[-1] / 2 - peak  # the largest force at the reversal
+    assert search._missed(with_steps(case, 0.15), response)[1] == ()
 
 
 def test_steps_are_thinned_alike_in_all_segments() -> None:

@@ -180,8 +180,9 @@ class Case(Section):
 
     @property
     def planned_steps(self) -> int:
-        """Number of planned load steps; with two programs about the most there can be."""
-        return planned_steps(chain(*self.programs.values()), self.time.steps_per_cycle)
+        """Number of planned load steps; about the most with two programs or extra times."""
+        planned = planned_steps(chain(*self.programs.values()), self.time.steps_per_cycle)
+        return planned + len(self.time.extra_times)
 
     @property
     def programs(self) -> Mapping[str, tuple[Segment, ...]]:

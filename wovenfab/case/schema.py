@@ -27,6 +27,7 @@ from wovenfab.case.quantities import (
     Angle,
     AtLeastOne,
     Count,
+    Duration,
     Extent,
     Interval,
     Length,
@@ -205,6 +206,9 @@ class Time(Section):
     smallest_step: Annotated[float, Quantity(above=0, most=1)] = 1 / 1024
     """The run gives up on a step cut to less than this fraction of the planned one."""
 
+    extra_times: Annotated[tuple[Duration, ...], OneOr()] = Field(default=(), examples=["0.2 s"])
+    """Times since the start at which steps end, too, such as that of a photograph."""
+
 
 def _option(value: Any) -> str | int | float | bool:
     if not isinstance(value, str | int | float):
@@ -254,12 +258,8 @@ FieldName = Literal["displacement", "relative_displacement", "curvature", "shear
 
 def possible_fields(needs: Needs) -> tuple[FieldName, ...]:
     """Return the fields that make sense for effects with these needs."""
-    missing = set()
-    if needs.placements == 1:
-        missing.add("relative_displacement")
-    if not needs.second_gradient:
-        missing.add("curvature")
-    return tuple(name for name in get_args(FieldName) if name not in missing)
+    known = {"relative_displacement": needs.placements == 2, "curvature": needs.second_gradient}
+    return tuple(name for name in get_args(FieldName) if known.get(name, True))
 
 
 Place = tuple[Length, Length]

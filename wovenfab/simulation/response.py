@@ -7,7 +7,7 @@ of the steps. A study of accuracy compares the interpolated peak, ``peak_force_i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import inf
@@ -32,8 +32,8 @@ Array = NDArray[np.float64]
 THREE, BETWEEN = 3, 129
 
 
-def peak_force_bound(times: Array, forces: Array) -> float:
-    """Return the force of largest size that the curve may reach, even by a kink.
+def peak_bound(times: Array, forces: Array) -> tuple[float, float]:
+    """Return when the curve may be largest in size, even by a kink, s, and that force, N.
 
     Before and after it the curve goes on as parabolas through three steps each, which meet
     where it is largest, be that smooth or, where friction reverses, nearly a kink. Where
@@ -44,21 +44,22 @@ def peak_force_bound(times: Array, forces: Array) -> float:
         forces: At the steps, N, shape (n,).
     """
     at, sign, sizes = _largest(forces)
-    best = float(sizes[at])
+    best = float(sizes[at]), float(times[at])
     for j in (at - 1, at):
         if j < THREE - 1 or j + THREE >= len(times):
             continue
         t = np.linspace(times[j], times[j + 1], BETWEEN)
         before, after = slice(j - THREE + 1, j + 1), slice(j + 1, j + THREE + 1)
         sides = [_parabola(times[s], sizes[s], times[j])(t - times[j]) for s in (before, after)]
-        best = max(best, float(np.minimum(*sides).max()))
-    return sign * best
+        curve = np.minimum(*sides)
+        best = max(best, (float(curve.max()), float(t[curve.argmax()])))
+    return best[1], sign * best[0]
 
 
 def missed_peak(times: Array, forces: Array) -> float:
     """Return what the steps may miss of the force of largest size between them, over it."""
     largest = float(np.abs(forces).max(initial=0.0))
-    return abs(peak_force_bound(times, forces)) / largest - 1 if largest else 0.0
+    return abs(peak_bound(times, forces)[1]) / largest - 1 if largest else 0.0
 
 
 def peak_of_spline(times: Array, forces: Array) -> tuple[float, float]:
@@ -77,7 +78,7 @@ def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) 
     """Return the force of largest size that the curve reaches between its steps.
 
     It is the maximum of the parabola through the largest step and its neighbours, but no more
-    than :func:`peak_force_bound`: where friction reverses, that parabola overshoots.
+    than :func:`peak_bound`: where friction reverses, that parabola overshoots.
 
     Args:
         times: Of the steps, s, shape (n,).
@@ -91,7 +92,7 @@ def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) 
     a, b, c = _parabola(times[around], sizes[around], times[at]).coef
     top = float(c - b * b / (4 * a)) if a else float(sizes[at])
     if THREE <= at < len(times) - THREE:  # there are parabolas before and after
-        top = min(top, abs(peak_force_bound(times, forces)))
+        top = min(top, abs(peak_bound(times, forces)[1]))
     return sign * top
 
 
@@ -240,7 +241,7 @@ def with_elements(case: Case, **changes: object) -> Case:
 
 
 def trial_of(case: Case, accuracy: float) -> Case:
-    """Return a shorter case with the same accuracy: only the largest of its cycles.
+    """Return a shorter case with the same accuracy: only the largest cycle, no extra times.
 
     Where nothing depends on the past, a cycle is only the way to its largest displacement.
     Forces balance to the root of the solver's tolerance at least; responses will be compared to
@@ -252,7 +253,8 @@ def trial_of(case: Case, accuracy: float) -> Case:
             program = (Ramp(to=largest),)
     tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})
-    return case.model_copy(update={"program": program, "solver": solver})
+    time = case.time.model_copy(update={"extra_times": ()})
+    return case.model_copy(update={"program": program, "solver": solver, "time": time})
 
 
 def _largest_cycle(cycles: Cycles) -> Cycles:
@@ -282,6 +284,12 @@ def with_steps(
     per_cycle = max(FEWEST, 2 * round(case.time.steps_per_cycle * share / 2))
     time = case.time.model_copy(update={"steps_per_cycle": per_cycle, "tolerance": tolerance})
     return case.model_copy(update={**programs, "time": time})
+
+
+def with_extra_times(case: Case, times: Iterable[float]) -> Case:
+    """Return a case with steps that also end at more times (s)."""
+    extra = (*case.time.extra_times, *times)
+    return case.model_copy(update={"time": case.time.model_copy(update={"extra_times": extra})})
 
 
 def has_fixed_steps(case: Case) -> bool:

@@ -39,6 +39,11 @@ class Segment:
     ends_cycle: bool = False
     force: bool = False
 
+    @property
+    def ends(self) -> tuple[float, float, float]:
+        """Duration (s), and the value at its start and end."""
+        return self.duration, self.path(0.0, 0.0), self.path(self.duration, 0.0)
+
 
 @dataclass(frozen=True)
 class Milestone:
@@ -106,6 +111,17 @@ class Program:
         """Return whether a force is prescribed on the way to a time (s)."""
         return self._place(time)[0].force
 
+    def same_times(self, other: Program, time: float) -> list[float]:
+        """Return the times (s) at which this program is where a shorter one is at a time (s).
+
+        Args:
+            other: A program of some of these stretches, such as the largest of several cycles.
+            time: s.
+        """
+        stretch, since = other._place(time)
+        starts = zip((0.0, *self._ends), self._stretches, strict=False)
+        return [start + since for start, s in starts if s.ends == stretch.ends]
+
     @cached_property
     def changes(self) -> dict[float, bool]:
         """Times (s) from which forces are prescribed after displacements (true), or the reverse."""
@@ -171,28 +187,30 @@ SAME = 1e-11
 SLACK = 1e-9
 
 
-def side_by_side(first: Sequence[Segment], second: Sequence[Segment]) -> list[list[Segment]]:
-    """Return the stretches of a program, and those of a second one beside it, with the same steps.
+def side_by_side(*programs: Sequence[Segment], extra: Sequence[float] = ()) -> list[list[Segment]]:
+    """Return the stretches of programs beside each other, with the same steps.
 
-    Each end of a stretch of either is a planned time. Between two of them there are as many
-    equal steps as the finer one asks for. The shorter one stays where it ends.
+    Each end of a stretch is a planned time, and so are extra times (s) before the last end.
+    Between two of them there are as many equal steps as the finest program asks for. A shorter
+    one stays where it ends.
 
     Args:
-        first: Stretches of the program, which has the cycles and may prescribe forces (N).
-        second: Those of the other one, displacements (m).
+        *programs: Stretches of the program, which has the cycles and may prescribe forces (N), and
+            of those beside it, displacements (m).
+        extra: Times that steps shall end at, too.
     """
-    ends = [list(accumulate(s.duration for s in one)) for one in (first, second)]
+    ends = [list(accumulate(s.duration for s in one)) for one in programs]
     whole = max(e[-1] for e in ends)
     times = [0.0]
-    for end in sorted(chain(*ends)):
-        if end > times[-1] + SAME * whole:
+    for end in sorted(chain(*ends, extra)):
+        if times[-1] + SAME * whole < end <= whole:
             times.append(end)
-    one, other = [], []
-    for a, b in zip(_cut(first, times), _cut(second, times), strict=True):
-        steps = max(a.steps, b.steps)
-        one.append(replace(a, steps=steps, jump=a.jump or b.jump))
-        other.append(replace(b, steps=steps))
-    return [one, other]
+    columns: list[list[Segment]] = [[] for _ in programs]
+    for parts in zip(*(_cut(one, times) for one in programs), strict=True):
+        steps, jump = max(s.steps for s in parts), any(s.jump for s in parts)
+        for column, part in zip(columns, parts, strict=True):
+            column.append(replace(part, steps=steps, jump=jump))
+    return columns
 
 
 def _cut(stretches: Sequence[Segment], times: Sequence[float]) -> Iterator[Segment]:
@@ -328,7 +346,8 @@ def planned_steps(case: Case) -> int:
 def _plan(case: Case) -> list[list[Segment]]:
     """Return the stretches of each program, which take the same steps."""
     plans = [_of_segments(p, case.time.steps_per_cycle) for p in case.programs.values()]
-    return plans if len(plans) == 1 else side_by_side(*plans)
+    extra = case.time.extra_times
+    return side_by_side(*plans, extra=extra) if extra or len(plans) > 1 else plans
 
 
 def _of_segments(segments: Sequence[Any], per_cycle: int) -> list[Segment]:

@@ -7,11 +7,13 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from itertools import chain
 from math import inf
 from time import perf_counter
 
 import numpy as np
 from mpi4py import MPI
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
@@ -24,8 +26,11 @@ from wovenfab.simulation.response import (
     TooLongError,
     has_fixed_steps,
     missed_peak,
+    peak_bound,
     peak_of_spline,
     response_of,
+    trial_of,
+    with_extra_times,
     with_steps,
 )
 from wovenfab.stepping.program import program_of_case
@@ -59,6 +64,8 @@ PLANNED, FIRST_TOLERANCE = 0.075, 0.02
 FAR, FARTHEST, OPTIONS = 2.0, 4.0, 48
 #: Least ratio of two numbers of steps that are compared.
 APART = 1.4
+#: Distance of an extra step from the others, over the shortest of these, that is none.
+NEAR = 0.25
 #: Growth of the number of steps up to which no other kind is tried.
 EASY = 4.0
 #: Growth of tangents with twice the steps, at least.
@@ -80,6 +87,7 @@ class TimeSteps:
         effort: Tangents in the trial.
         orders: In which the errors fall with the number.
         missed: Share of the peak of the force that is missed between steps, besides.
+        extra: Times of the trial at which steps end, too, s.
     """
 
     kind: Kind
@@ -88,6 +96,7 @@ class TimeSteps:
     effort: float
     orders: dict[str, float]
     missed: float = 0.0
+    extra: tuple[float, ...] = ()
 
     @property
     def estimated_error(self) -> float:
@@ -102,7 +111,9 @@ class TimeSteps:
 
     def of(self, case: Case) -> Case:
         """Return a case with these steps."""
-        return self.kind(case, self.number)
+        program, trial = program_of_case(case), program_of_case(trial_of(case, 1.0))
+        times = chain.from_iterable(program.same_times(trial, time) for time in self.extra)
+        return with_extra_times(self.kind(case, self.number), times)
 
     def error_of_share(self, share: float) -> float:
         """Return about the largest error of a share of the usual number of equal steps."""
@@ -293,21 +304,38 @@ class StepSearch:
             target: Error of the steps.
         """
         for growth in map(float, np.geomspace(1 / FAR, FAR, OPTIONS)):
-            times, forces = response.times, response.forces
+            missed, extra = missed_peak(response.times, response.forces), tuple[float, ...]()
             if kind is equal_steps:
-                planned = program_of_case(equal_steps(self._trial, growth * number)).milestones
-                curve = CubicSpline(times + self._delay, forces)
-                times = np.array([milestone.time for milestone in planned])
-                forces = curve(times)
+                missed, extra = self._missed(equal_steps(self._trial, growth * number), response)
             highest = scheme_of(self._trial).order
             orders = {n: order if growth > 1 else highest for n, (_, order) in figures.items()}
             errors = {n: e / growth ** orders[n] for n, (e, _) in figures.items()}
             effort = growth * response.outcome.tangents
-            missed = missed_peak(times, forces)
-            option = TimeSteps(kind, growth * number, errors, effort, orders, missed)
+            option = TimeSteps(kind, growth * number, errors, effort, orders, missed, extra)
             if _reaches(option, target):
                 break
         return option
+
+    def _missed(self, case: Case, response: Response) -> tuple[float, tuple[float, ...]]:
+        """Return what steps miss of the peak with extra ones there, and the times of these (s).
+
+        Where friction reverses nearly by a kink, the spline is largest too early: there is one
+        more where the curve may be largest. There is none close to planned ones.
+
+        Args:
+            case: With equal steps.
+            response: That of other steps.
+        """
+        later, forces = response.times + self._delay, response.forces
+        curve, extra = CubicSpline(later, forces), list[float]()
+        times = _planned_times(case)
+        near = NEAR * np.diff(times).min()
+        for largest in (peak_of_spline, peak_bound):
+            time = largest(later, forces)[0]
+            if np.abs(times - time).min() > near and time < times[-1]:
+                extra.append(time)
+                times = _planned_times(with_extra_times(case, extra))
+        return missed_peak(times, curve(times)), tuple(extra)
 
     def _response(self, kind: Kind, number: float, most: float) -> Response | None:
         """Return the response with so many times the first steps; None where it has no end.
@@ -335,6 +363,10 @@ class StepSearch:
         )
         self._model = response.model
         return response
+
+
+def _planned_times(case: Case) -> NDArray[np.float64]:
+    return np.array([milestone.time for milestone in program_of_case(case).milestones])
 
 
 def _reaches(steps: TimeSteps, target: float) -> bool:
