@@ -7,7 +7,7 @@ import os
 import pickle
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -74,22 +74,31 @@ def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
     return made[0] if made else elsewhere
 
 
-def by_first[T](
-    comm: MPI.Comm, make: Callable[[], T], meanwhile: Callable[[], object] | None = None
-) -> T:
+def by_first[T](comm: MPI.Comm, make: Callable[[], T], meanwhile: Iterable[object] = ()) -> T:
     """Return what rank 0 makes alone, on every rank; collective.
 
-    The other ranks do something else meanwhile. What any rank raises is raised on every one.
+    The other ranks go through ``meanwhile`` until it is made. What any rank raises is raised on
+    every one.
     """
     made: list[T] = []
+    word = bytearray(1)
+    is_made = comm.Ibcast(word) if comm.rank else None
 
     def work() -> None:
+        nonlocal is_made
         if comm.rank == 0:
-            made.append(make())
-        elif meanwhile is not None:
-            meanwhile()
+            try:
+                made.append(make())
+            finally:
+                is_made = comm.Ibcast(word)
+        else:
+            any(is_made and is_made.Test() for _ in meanwhile)
 
-    each_its_own(comm, work)
+    try:
+        each_its_own(comm, work)
+    finally:
+        if is_made:
+            is_made.Wait()
     found: T = comm.bcast(made)[0]
     return found
 

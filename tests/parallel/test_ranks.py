@@ -7,7 +7,9 @@ compiled by all ranks together first, so that no two compile the same one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from itertools import count
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -242,18 +244,31 @@ def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(tmp_path: Pat
 
 def test_what_the_first_rank_makes_and_what_any_rank_raises_is_the_same_on_all() -> None:
     done: list[int] = []
-    made = by_first(COMM, lambda: (COMM.rank, done.append(0)), lambda: done.append(COMM.rank))
+    made = by_first(COMM, lambda: (COMM.rank, done.append(0)), map(done.append, [COMM.rank]))
     assert made == (0, None)
     assert done == [COMM.rank]
     assert by_first(COMM, lambda: COMM.rank) == 0
 
-    def fail() -> None:
+    def fail(_: int = 0) -> None:
         raise ValueError(f"by rank {COMM.rank}")
 
     with pytest.raises(ValueError, match="by rank 0"):
-        by_first(COMM, fail, fail)
+        by_first(COMM, fail, map(fail, [0]))
     with pytest.raises(ValueError, match="by rank 1"):
-        by_first(COMM, lambda: None, fail)
+        by_first(COMM, lambda: None, map(fail, [0]))
+
+
+def test_what_others_do_meanwhile_ends_once_the_first_rank_is_done() -> None:
+    done: list[int] = []
+    endless = (done.append(i) or sleep(0.05) for i in count())  # type: ignore[func-returns-value]
+    by_first(COMM, lambda: sleep(0.5), endless)
+    assert 1 <= len(done) <= 12 or not COMM.rank
+
+    def fail() -> None:
+        raise ValueError("by the first")
+
+    with pytest.raises(ValueError, match="by the first"):
+        by_first(COMM, fail, endless)
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import inf
 from time import perf_counter
 
@@ -164,8 +163,8 @@ def plan(
         coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
         coarse, wait = trial_of(coarse, share), limits.patience
         search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
-        later = [d for d in start.degrees if d != DEGREES[0]]
-        steps = search.steps_for(share, partial(compile_ahead, coarse, comm, mesher, later))
+        later = [d for d in DEGREES if d >= start.degrees[0] and d != DEGREES[0]]
+        steps = search.steps_for(share, compile_ahead(coarse, comm, mesher, later))
         left -= min(steps.error_of_more(MORE_STEPS), share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -203,18 +203,16 @@ class StepSearch:
                 if value
             }
 
-    def steps_for(
-        self, target: float, meanwhile: Callable[[], object] | None = None
-    ) -> TimeSteps | None:
+    def steps_for(self, target: float, meanwhile: Iterable[object] = ()) -> TimeSteps | None:
         """Return the steps that cost least, or None where none can be chosen; collective.
 
         Args:
             target: Error of the steps over the figures, on the safe side.
-            meanwhile: What ranks do that make no trials.
+            meanwhile: What ranks go through that make no trials.
         """
         return self._made(partial(self._cheapest, target), meanwhile)
 
-    def _made[T](self, make: Callable[[], T], meanwhile: Callable[[], object] | None = None) -> T:
+    def _made[T](self, make: Callable[[], T], meanwhile: Iterable[object] = ()) -> T:
         return by_first(self._comm, make, meanwhile) if self._alone else make()
 
     @cached_property

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import count
@@ -168,13 +168,19 @@ def shorter_side(sheet: Sheet) -> float:
     return float(min(sides))
 
 
-def compile_ahead(case: Case, comm: MPI.Comm, mesher: Mesher, degrees: Sequence[int]) -> None:
+def compile_ahead(
+    case: Case, comm: MPI.Comm, mesher: Mesher, degrees: Sequence[int]
+) -> Iterator[int]:
     """Put into the cache what trials with these degrees will need, all ranks but the first.
 
     What cannot be compiled is reported where it is needed.
+
+    Yields:
+        Each degree, once it is compiled.
     """
     with suppress(Exception):
         sheet = mesher(case, MPI.COMM_SELF)
         for degree in degrees[comm.rank - 1 :: comm.size - 1]:
             with Simulation(with_elements(case, degree=degree), sheet):
                 pass
+            yield degree
