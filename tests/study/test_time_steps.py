@@ -170,6 +170,8 @@ def test_one_more_step_ends_at_the_peak_of_every_largest_cycle() -> None:
     chosen = steps.of(case)
     first, small, _ = (end for _, end in program_of_case(case).cycles)
     assert chosen.time.extra_times == pytest.approx((extra[0], small + extra[0]))
+    with_own = steps.of(case.changed("time.extra_times=50 ms"))
+    assert with_own.time.extra_times == (0.05, *chosen.time.extra_times)
     assert small > first > extra[0]
     met, not_met = (
         missed_peak(r.times, r.forces)

@@ -111,7 +111,9 @@ class TimeSteps:
 
     def of(self, case: Case) -> Case:
         """Return a case with these steps."""
-        program, trial = program_of_case(case), program_of_case(trial_of(case, 1.0))
+        trial = program_of_case(trial_of(case, 1.0))
+        whole = case.time.model_copy(update={"extra_times": ()})  # of the user, which cut stretches
+        program = program_of_case(case.model_copy(update={"time": whole}))
         times = chain.from_iterable(program.same_times(trial, time) for time in self.extra)
         return with_extra_times(self.kind(case, self.number), times)
 
@@ -330,7 +332,7 @@ class StepSearch:
         near = NEAR * np.diff(times).min()
         for largest in (peak_of_spline, peak_bound):
             time = largest(later, forces)[0]
-            if np.abs(times - time).min() > near and time < times[-1]:
+            if np.abs(times - time).min() > near and 0 < time < times[-1]:
                 extra.append(time)
                 times = _planned_times(with_extra_times(case, extra))
         return missed_peak(times, curve(times)), tuple(extra)
