@@ -253,8 +253,8 @@ def trial_of(case: Case, accuracy: float) -> Case:
             program = (Ramp(to=largest),)
     tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})
-    time = case.time.model_copy(update={"extra_times": ()})
-    return case.model_copy(update={"program": program, "solver": solver, "time": time})
+    trial = case.model_copy(update={"program": program, "solver": solver})
+    return with_extra_times(trial, ())
 
 
 def _largest_cycle(cycles: Cycles) -> Cycles:
@@ -287,9 +287,9 @@ def with_steps(
 
 
 def with_extra_times(case: Case, times: Iterable[float]) -> Case:
-    """Return a case with steps that also end at more times (s)."""
-    extra = (*case.time.extra_times, *times)
-    return case.model_copy(update={"time": case.time.model_copy(update={"extra_times": extra})})
+    """Return a case with these extra times (s), at which steps end, too, in place of its own."""
+    time = case.time.model_copy(update={"extra_times": tuple(times)})
+    return case.model_copy(update={"time": time})
 
 
 def has_fixed_steps(case: Case) -> bool:

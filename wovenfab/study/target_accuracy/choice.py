@@ -259,8 +259,8 @@ def _steps(case: Case) -> str:
     steps, tolerance = f"{case.planned_steps} steps", case.time.tolerance
     if all(isinstance(segment, Cycles) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
-    if case.time.extra_times:
-        steps += " and more at the peak of the force"
+        if extra := len(case.time.extra_times):
+            steps += f" and {extra} more"
     if tolerance is None:
         return f", {steps}"
     return f", {steps}, shortened where their error is over {_percent(tolerance)}"

@@ -111,11 +111,10 @@ class TimeSteps:
 
     def of(self, case: Case) -> Case:
         """Return a case with these steps."""
+        program = program_of_case(with_extra_times(case, ()))  # the user's own cut its stretches
         trial = program_of_case(trial_of(case, 1.0))
-        whole = case.time.model_copy(update={"extra_times": ()})  # of the user, which cut stretches
-        program = program_of_case(case.model_copy(update={"time": whole}))
         times = chain.from_iterable(program.same_times(trial, time) for time in self.extra)
-        return with_extra_times(self.kind(case, self.number), times)
+        return with_extra_times(self.kind(case, self.number), (*case.time.extra_times, *times))
 
     def error_of_share(self, share: float) -> float:
         """Return about the largest error of a share of the usual number of equal steps."""
