@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from wovenfab.case import Cycles, Hold, Ramp, Table
+from wovenfab.case.schema import Time
 from wovenfab.stepping.program import Program, cycle, program_of, program_of_case, ramp, table
 
 AMPLITUDES = (0.02, 0.037, 0.0403)
@@ -18,7 +19,7 @@ AMPLITUDES = (0.02, 0.037, 0.0403)
 
 def planned(*segments: object, steps: int = 40) -> Program:
     """Return the program of the segments of a case."""
-    time = SimpleNamespace(steps_per_cycle=steps)
+    time = Time.model_validate({"steps_per_cycle": steps})
     return program_of_case(SimpleNamespace(programs={"program": segments}, time=time))  # type: ignore[arg-type]
 
 
