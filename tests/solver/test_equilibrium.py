@@ -16,7 +16,9 @@ from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
-from wovenfab.solver.globalisation import LineSearch
+from wovenfab.solver.globalisation import SHORTEST, LineSearch
+from wovenfab.solver.newton import STUCK
+from wovenfab.solver.point_friction import PointStress
 from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
@@ -203,3 +205,14 @@ def test_an_exception_restores_what_is_overwritten_for_a_moment(
     for vector in (x, y):
         vector.destroy()
     equilibrium.destroy()
+
+
+def test_a_solve_with_stress_at_points_whose_steps_become_tiny_ends(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tiny = SHORTEST / 10
+    model = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction:coulomb"), CUBIC)
+    monkeypatch.setattr(PointStress, "correct", lambda *_: tiny)
+    result, _ = one_step(model, LARGE)
+    assert result.reason == "DIVERGED_LINE_SEARCH"
+    assert result.iterations == STUCK

@@ -240,7 +240,7 @@ def test_a_loss_of_stability_is_found_where_it_is_with_kept_factors() -> None:
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(LinearSolver, "_refine", counting)
             patch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)
-            patch.setattr(State, "_predict", lambda *_: False)
+            patch.setattr(State, "_extrapolate", lambda *_: False)
             with pytest.raises(StabilityLostError) as error:
                 scenes.march(
                     model, program, grips=scenes.PUSH, options=SolverOptions(keep_from=least),

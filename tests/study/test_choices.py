@@ -43,7 +43,6 @@ SOFT = (
 
 
 STICKING = (
-    "effects.slip_friction={law: coulomb, strength: 1e9 N/m^2}",
     "effects.coupling.stiffness=1e5 N/m^3",
     "program={type: ramp, to: 20 mm, steps: 4, duration: 1}",
     "time=null",
@@ -193,8 +192,42 @@ def test_a_step_that_a_guess_misleads_is_solved_without_it_and_so_are_shorter_on
     assert steps[-1].force == pytest.approx(plain.forces[-1], rel=1e-6)
 
 
-def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_there() -> None:
-    chosen, lines = planned(case_of("bias-1x3", "accuracy=8 %", "discretisation=null", *STICKING))
+@pytest.mark.parametrize(("size", "most"), [(1e-3, 5), (10.0, 0)])
+def test_a_guess_that_misleads_costs_few_iterations_and_one_that_cannot_be_none(
+    size: float, most: int
+) -> None:
+    """Before the stress of friction is at points, the step has another start; 10 m cross yarns."""
+    ramp = "program={type: ramp, to: 20 mm, steps: 4, duration: 1}"
+    case = case_of("bias-1x3", ramp, elements(2, 0.15), "time=null", "solver.max_iterations=5")
+    plain, iterations = response_of(case, sheet(case)), Counter[bool]()
+    with Simulation(case, sheet(case)) as simulation:
+        states = simulation.model.field.x.array.size
+        wrong = size * np.random.default_rng(1).standard_normal(states)
+        solver = simulation.solver
+
+        def watch() -> None:
+            iterations[solver.problem.model is solver.model] += 1
+
+        solver.newton.on_iteration = watch
+        simulation.stepper.start_from(lambda time: wrong if time == plain.times[2] else None)
+        steps: list[Step] = []
+        simulation.run(steps.append)
+    needed = sum(step.iterations + 1 for step in steps[1:])
+    assert not iterations[False]  # none with its stress at points
+    assert needed <= iterations.total() <= needed + most + bool(most)
+    assert (iterations.total() > needed) == bool(most)
+    afresh = [s.iterations for s in plain.steps]
+    assert most or [s.iterations for s in steps] == afresh  # also extrapolated, as usual
+    assert [s.force for s in steps] == pytest.approx(plain.forces, rel=1e-6)
+
+
+@pytest.mark.parametrize("law", ["law: coulomb", "slope: 1e3 s/m"], ids=["Coulomb", "smooth"])
+def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_there(
+    law: str,
+) -> None:
+    friction = f"effects.slip_friction={{{law}, strength: 1e9 N/m^2}}"
+    wanted = "accuracy=8 %", "discretisation=null", friction, *STICKING
+    chosen, lines = planned(case_of("bias-1x3", *wanted))
     print(f"\n{chosen.case.discretisation}", *lines, sep="\n")
     assert not chosen.shortfall
     assert chosen.case.discretisation.graded

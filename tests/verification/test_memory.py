@@ -211,9 +211,9 @@ class Refusing(EquilibriumSolver):
 
     calls = 0
 
-    def solve(self) -> SolveResult:
+    def solve(self, briefly: bool = False) -> SolveResult:
         """Solve, and call it a failure or not."""
-        result = super().solve()
+        result = super().solve(briefly)
         self.calls += 1
         return replace(result, converged=result.converged and self.calls % 3 != 0)
 

@@ -78,12 +78,15 @@ class EquilibriumSolver:
         self._can_use_points = any(t.effect.bound for t in model.balance.terms)
         self._smooth_law = BackOff("friction by its smooth law fails")
 
-    def solve(self) -> SolveResult:
+    def solve(self, briefly: bool = False) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
 
         The model's ``last`` field must hold the last equilibrium. On success the
         field holds the new one; otherwise it is undefined and the caller restores it.
         Collective.
+
+        Args:
+            briefly: Give up where the smooth law fails, for there is another start to try.
         """
         problem, most = self.problem, self._options.max_iterations
         if self._is_sharp or not self._can_use_points:
@@ -91,7 +94,7 @@ class EquilibriumSolver:
         field, last = problem.model.field.x.array, problem.model.last.x.array
         start, before = field.copy(), last.copy()
         result = self._solve(min(most, SMOOTH_ITERATIONS))
-        if result.converged:
+        if result.converged or briefly:
             return result
         field[:], last[:] = start, before
         self._use_points()

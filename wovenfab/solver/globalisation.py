@@ -183,6 +183,10 @@ class LineSearch:
         """Forget the potentials: the next iterate is not the end of a search."""
         self.potential, self.decrement, self._lowest = None, np.inf, np.inf
 
+    def note(self, length: float) -> None:
+        """Count a step of a length that was found, by this search or another one."""
+        self.failures = self.failures + 1 if length < SHORTEST else 0
+
     def measure(self) -> float:
         """Evaluate and return the potential (J) of the model's present field; collective."""
         self.potential = self._problem.energy()
@@ -225,8 +229,7 @@ class LineSearch:
             length, self.potential = backtrack(
                 potential, before, slope, length, noise(before), rise
             )
-        lost = self.potential is None or length < SHORTEST
-        self.failures = self.failures + 1 if lost else 0
+        self.note(0.0 if self.potential is None else length)
         risen = self.potential is not None and self.potential > before + noise(before)
         self.decrement = abs(slope) if length == 1.0 and not risen else np.inf
         return length

@@ -250,6 +250,7 @@ class NewtonSolver:
         length = min(inside, self.admissible_length(y))
         if problem.point_stress:
             problem.point_stress.advance(length)
+            self.line_search.note(length)
         elif problem.attained:
             length = self.search_line(x, y, length)
         else:

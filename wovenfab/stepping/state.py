@@ -129,13 +129,14 @@ class State:
             self._memory.begin(self.states[0], step)
         value = program.value(until, self.before)
         guess = None if until == self._misled else self._guess(until, value)
-        extrapolated = self._predict(guess, stage * step, jump)
+        guessed = guess is not None and self._start_by(stage * (guess - self.states[0]))
+        extrapolated = not guessed and self._extrapolate(stage * step, jump)
         if not program.prescribes_force(until):
-            result = self.solve_for(value)
-            if guess is not None and not result.converged:
+            result = self.solve_for(value, briefly=guessed)
+            if guessed and not result.converged:
                 self._misled = until  # shorter steps would end at the same guess
                 self.restore()
-                self._predict(None, stage * step, jump)
+                self._extrapolate(stage * step, jump)
                 result = self.solve_for(value)
             return result
         assert self.force_control is not None
@@ -150,12 +151,17 @@ class State:
         scale = max(abs(value), abs(self.before), program.largest_force)
         return self.force_control.solve(self, value, scale)
 
-    def solve_for(self, displacement: float) -> SolveResult:
-        """Solve for the stage state of a step that ends at a displacement (m); collective."""
+    def solve_for(self, displacement: float, briefly: bool = False) -> SolveResult:
+        """Solve for the stage state of a step that ends at a displacement (m); collective.
+
+        Args:
+            displacement: Of the program, m.
+            briefly: There is another start to try.
+        """
         start, self.reached = self.displacement, displacement
         self._solver.problem.prescribe(start + self._scheme.stage * (displacement - start))
         self._model.last.x.array[:] = self.states[0]
-        return self._solver.solve()
+        return self._solver.solve(briefly)
 
     def _guess(self, until: float, displacement: float) -> Array | None:
         """Return a state to start from: one that is given, or one that was there already."""
@@ -265,25 +271,22 @@ class State:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _predict(self, guess: Array | None, ahead: float, jump: bool) -> bool:
-        """Start from a guess or the extrapolated state, unless that would cross the families.
+    def _extrapolate(self, ahead: float, jump: bool) -> bool:
+        """Start from the state that is extrapolated (s), or from the last; return whether so."""
+        far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
+        if far or not self._predicts:
+            self._model.field.x.array[:] = self.states[0]
+            return False
+        return self._start_by(extrapolation(self.states, self.steps, ahead))
 
-        Returns:
-            Whether it is the extrapolated state.
-        """
+    def _start_by(self, change: Array) -> bool:
+        """Change the last state (m) unless the families would cross; return whether so."""
         field = self._model.field.x.array
         field[:] = self.states[0]
-        far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
-        if guess is not None:
-            change = self._scheme.stage * (guess - self.states[0])
-        elif far or not self._predicts:
+        if self._solver.crossing.limit(change) <= 2.0:
             return False
-        else:
-            change = extrapolation(self.states, self.steps, ahead)
-        if self._solver.crossing.limit(change) > 2.0:
-            field[:] += change
-            return guess is None
-        return False
+        field[:] += change
+        return True
 
 
 def equilibrate(

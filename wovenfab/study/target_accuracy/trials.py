@@ -151,9 +151,9 @@ def with_cells(case: Case, size: float, **changes: object) -> Case:
 
 
 def could_stick(case: Case) -> bool:
-    """Return whether two placements could act as one, on a mesh that can be graded."""
+    """Return whether friction could make two placements one, on a mesh that can be graded."""
     effects = [entry.effect for entry in case.scene]
-    sticks = any(e.set_valued and e.needs.placements == 2 for e in effects)
+    sticks = any(e.dissipative and e.needs.placements == 2 for e in effects)
     return sticks and follows_fibres(case)
 
 
