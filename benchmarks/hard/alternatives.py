@@ -61,9 +61,9 @@ class Counted(EquilibriumSolver):
     solves = 0
     iterations = 0
 
-    def solve(self) -> SolveResult:
+    def solve(self, briefly: bool = False) -> SolveResult:
         """Solve and count."""
-        result = super().solve()
+        result = super().solve(briefly)
         self.solves += 1
         self.iterations += result.iterations
         return result
@@ -145,17 +145,17 @@ class TrustRegion(Counted):
 
     newton_solver = _TrustRegionNewton
 
-    def solve(self) -> SolveResult:
+    def solve(self, briefly: bool = False) -> SolveResult:
         """Move the grips by Newton's method and go on with a trust region."""
         snes = self.newton.snes
         snes.setType("newtonls")
         snes.setTolerances(max_it=self.newton.options.max_iterations)
-        first = super().solve()
+        first = super().solve(briefly)
         if not first.converged:
             return first
         snes.setType("newtontr")
         snes.setTolerances(max_it=MANY)
-        second = super().solve()
+        second = super().solve(briefly)
         self.solves -= 1
         return replace(second, iterations=first.iterations + second.iterations)
 
