@@ -65,7 +65,7 @@ def test_cut_backs_hardly_change_the_loss(monkeypatch: pytest.MonkeyPatch) -> No
 
     def solve(self: EquilibriumSolver, briefly: bool = False) -> object:
         """Pretend that every seventh solve did not converge."""
-        result = whole(self)
+        result = whole(self, briefly)
         failed = next(refuse) % 7 == 3
         return SolveResult(False, "REFUSED", 1, 1.0) if failed else result
 

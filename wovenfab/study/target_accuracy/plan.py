@@ -69,7 +69,7 @@ WITHOUT_ERROR = 20
 USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
-#: Error of two placements with Coulomb's friction, over the target, from which the mesh is graded:
+#: Error of two placements with slip friction, over the target, from which the mesh is graded:
 #: that takes three to four times as many unknowns, and pays where yarns stick.
 MUCH = 4.0
 #: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
