@@ -116,7 +116,7 @@ def costs(rows: list[Row], kinds: list[str], accuracy: float, wanted: float) -> 
 
 def said_so(rows: list[Row]) -> str:
     """Return in a sentence after how long searches say that an accuracy is not reached."""
-    times = [row.pilot for row in rows if row.reason and row.unknowns]
+    times = [row.pilot for row in rows if row.fell_short and row.unknowns]
     if not times:
         return f"All searches found what reaches {100 * ACCURACY:g} %."
     early = sum(time <= WANTED for time in times)
@@ -182,7 +182,10 @@ def main() -> None:
     rows, cases, older = rows_and_cases(ACCURACY)
     finer, finer_cases, older_finer = rows_and_cases(FINER_ACCURACY)
     kinds = [kind_of(case) for case in cases]
-    expected = [expected_seconds(c) / r.seconds for c, r in zip(cases, rows, strict=True)]
+    expected = [
+        expected_seconds(case, row.slowness) / row.seconds
+        for case, row in zip(cases, rows, strict=True)
+    ]
     near = sum(1 / FACTOR <= ratio <= FACTOR for ratio in expected)
     words = (
         f"`wovenfab check` expects the time within a factor of {FACTOR:g} in {near} of {len(rows)}."
@@ -220,8 +223,9 @@ def main() -> None:
         text += f"\n{honesty(finer, FINER_ACCURACY)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
-    print("TRIALS", fitted(known, [r.pilot for r in every]))
-    print("RUN", fitted(known, [max(r.seconds - r.pilot, 0.1) for r in every]))
+    print("TRIALS", fitted(known, [r.pilot / r.slowness for r in every]))
+    runs = [max(r.seconds - r.pilot, 0.1) / r.slowness for r in every]
+    print("RUN", fitted(known, runs))
     print(f"{words}\npage: {PAGE.relative_to(Path.cwd())}")
 
 

@@ -31,6 +31,7 @@ from wovenfab.study.runner import (
     fingerprint,
     here,
 )
+from wovenfab.study.target_accuracy.choice import slowness
 from wovenfab.study.target_accuracy.time_steps import ALMOST
 
 ROOT = Path(__file__).parents[1]
@@ -72,6 +73,7 @@ class Row:
         stated, true: Largest relative error of the figures, as said and against the reference;
             None where there is none, or not yet.
         reason: Why it fell short or failed; empty if not.
+        slowness: Of the machine then, over that of the machine of ``check``.
     """
 
     scene: int
@@ -83,11 +85,17 @@ class Row:
     stated: float | None
     true: float | None
     reason: str
+    slowness: float = 1.0
+
+    @property
+    def fell_short(self) -> bool:
+        """Whether it failed or says that its accuracy is not reached; a reference may lack."""
+        return bool(self.reason.partition(NO_REFERENCE)[0])
 
     def reaches(self, accuracy: float, seconds: float) -> bool:
         """Return whether an accuracy was reached in a time (s), as far as is known."""
         errors = [e for e in (self.stated, self.true) if e is not None]
-        reached = bool(errors) and max(errors) <= ALMOST * accuracy and not self.reason
+        reached = bool(errors) and max(errors) <= ALMOST * accuracy and not self.fell_short
         return reached and self.seconds <= seconds
 
     @property
@@ -204,16 +212,20 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
     path, out, cache = scene(number, seed, folder, accuracy), folder / "run", folder / "cache"
     kind = read_case(path).title
     shutil.rmtree(cache, ignore_errors=True)  # of a run that was broken off
+    slow = slowness()
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
-        return Row(number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended))
+        return Row(
+            number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended), slow
+        )
     summary = _summary(out)
     said = summary["accuracy"]
     errors = [f["relative_error"] for f in said.get("figures", {}).values()]
     return Row(
         number, kind, summary["unknowns"], summary["steps"], ended.seconds,
         summary["wall_time_s"]["pilot"], max(errors, default=None), None, said["shortfall"],
+        slow,
     )  # fmt: skip
 
 

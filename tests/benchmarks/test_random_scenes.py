@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from benchmarks.random_page import KINDS, costs
 from benchmarks.random_scenes import ACCURACY, SHORTER, Row, compared, finer_case, scene, table
 from wovenfab.case import read_case
 from wovenfab.study.runner import Ended
+from wovenfab.study.target_accuracy import choice
 
 
 def test_scenes_are_valid_and_of_all_kinds(tmp_path: Path) -> None:
@@ -56,7 +58,20 @@ def test_the_reference_of_an_elastic_sheet_keeps_its_steps_which_have_no_error(
     assert finer.discretisation.degree == 4
 
 
-def test_rows_tell_reached_accuracy_from_honesty() -> None:
+def test_a_machine_that_parses_slowly_expects_as_much_more_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pause of another process does not count: the median of some measurements does."""
+    times = [4 * choice.PARSING] * (choice.REPEATS - 2) + [1.0, 2.0]
+    monkeypatch.setattr(choice, "timeit", SimpleNamespace(repeat=lambda *_, **__: times))
+    slow = choice.slowness()
+    assert slow == pytest.approx(4)
+    case = read_case(scene(3, 1, tmp_path))
+    usual = choice.expected_seconds(case, 1.0)
+    assert choice.expected_seconds(case, slow) == pytest.approx(4 * usual)
+
+
+def test_rows_tell_reached_accuracy_from_honesty(tmp_path: Path) -> None:
     good = Row(1, "", 1, 1, 5.0, 3.0, 0.6 * ACCURACY, 0.7 * ACCURACY, "")
     slow = replace(good, scene=2, seconds=500.0)
     liar = replace(good, scene=3, true=0.8 * ACCURACY)
@@ -65,6 +80,9 @@ def test_rows_tell_reached_accuracy_from_honesty() -> None:
     words = table([good, slow, liar, wrong, unknown])
     assert good.is_good and good.is_honest and not slow.is_good and not liar.is_honest
     assert not wrong.is_good and unknown.is_good
+    without = Ended(3, "", "", 1.0, "no end")
+    assert compared(good, tmp_path, without).is_good
+    assert not compared(replace(good, reason="it fell short"), tmp_path, without).is_good
     assert replace(unknown, stated=np.nextafter(ACCURACY, 1)).is_good  # by rounding alone
     assert "3 of 5 within 1 % and 60 s" in words
     assert "stated one: 3, 4 of 4 with a reference." in words
