@@ -1,22 +1,26 @@
 """``python -m benchmarks.random_page``: the rows of ``make random`` as a page and a picture.
 
-It prints the weights from which ``wovenfab check`` expects a time, fitted to the rows.
+It prints the weights from which ``wovenfab check`` expects a time, fitted to the rows, and fails
+where a figure is missed.
 """
 
 from __future__ import annotations
 
+import sys
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
+from matplotlib import figure as mpl
 
+from benchmarks.figure import Figure
 from benchmarks.random_scenes import (
     ACCURACY,
     COUNT,
     FINER_ACCURACY,
     IN_ALL,
     LIMIT,
+    MORE,
     RANKS,
     RESULTS,
     ROOT,
@@ -44,6 +48,9 @@ FACTOR, DPI = 3.0, 90
 TICKS = (15, 20, 30, 40, 60, 90)
 #: Percentage of the scenes of a kind that the page says the longest time of.
 MOST = 90
+#: Percentages of scenes that must reach each accuracy in time, and whose time `check` expects;
+#: largest share of the search in the time (%).
+REACHED, REACHED_FINER, FORESEEN, SEARCH = 95.0, 90.0, 90.0, 50.0
 #: Head of the table of what an accuracy costs.
 COSTS = ["accuracy", "what the fabric has", "half within", "nine of ten within", "wanted within",
          "reached by then"]  # fmt: skip
@@ -83,9 +90,9 @@ def fitted(cases: list[Case], seconds: list[float]) -> list[float]:
     return [round(float(w), 2) for w in weights]
 
 
-def draw(rows: list[Row], kinds: list[str]) -> Figure:
+def draw(rows: list[Row], kinds: list[str]) -> mpl.Figure:
     """Return time against stated error, a dot a scene."""
-    figure = Figure((6.4, 3.6), layout="constrained")
+    figure = mpl.Figure((6.4, 3.6), layout="constrained")
     axes = figure.subplots()
     for kind, colour in zip(KINDS, APART, strict=False):
         dots = [(r.seconds, 100 * r.stated) for r, k in zip(rows, kinds, strict=True)
@@ -177,8 +184,46 @@ def what_is_hard(rows: list[Row], cases: list[Case]) -> str:
     return f"{markdown(head, lines)}\n\n{words}"
 
 
-def main() -> None:
-    """Write page and picture, and print the fit."""
+def figures(rows: list[Row], finer: list[Row], foreseen: int) -> list[Figure]:
+    """Return what must not be missed.
+
+    Args:
+        rows: Of the usual accuracy.
+        finer: Of the smaller one; there may be none.
+        foreseen: Number of rows whose time was expected.
+    """
+
+    def of_all(count: int, rows: list[Row]) -> float:
+        return 100 * count / len(rows)
+
+    kept = []
+    wanted = ((ACCURACY, rows, WANTED, REACHED), (FINER_ACCURACY, finer, LIMIT, REACHED_FINER))
+    for accuracy, made, seconds, share in wanted:
+        if made:
+            name = f"{100 * accuracy:g} % within {seconds:g} s"
+            reached = of_all(sum(r.reaches(accuracy, seconds) for r in made), made)
+            stated = of_all(sum(r.is_honest for r in made), made)
+            more = f"true error at most {MORE:g} % above the stated one, where it is known"
+            kept += [
+                Figure(name, reached, share, "%", f"of {len(made)} scenes", at_least=True),
+                Figure(f"{100 * accuracy:g} %, honest", stated, 100.0, "%", more, at_least=True),
+            ]
+    late = max((r.pilot for r in rows if r.fell_short and r.unknowns), default=0.0)
+    search = float(np.median([100 * r.pilot / r.seconds for r in rows]))
+    said, spent = "longest search that fell short", "share of the search in the time"
+    return [
+        *kept,
+        Figure(said, late, WANTED, "s", f"for {100 * ACCURACY:g} %, with compiling"),
+        Figure(spent, search, SEARCH, "%", "in the middle, with compiling"),
+        Figure(
+            f"time that check expects within a factor of {FACTOR:g}",
+            of_all(foreseen, rows), FORESEEN, "%", "of the scenes", at_least=True,
+        ),
+    ]  # fmt: skip
+
+
+def main() -> int:
+    """Write page and picture, print the fit and the figures, and return the exit code."""
     rows, cases, older = rows_and_cases(ACCURACY)
     finer, finer_cases, older_finer = rows_and_cases(FINER_ACCURACY)
     kinds = [kind_of(case) for case in cases]
@@ -227,7 +272,10 @@ def main() -> None:
     runs = [max(r.seconds - r.pilot, 0.1) / r.slowness for r in every]
     print("RUN", fitted(known, runs))
     print(f"{words}\npage: {PAGE.relative_to(Path.cwd())}")
+    measured = figures(rows, finer, near)
+    print("== figures", *measured, sep="\n")
+    return 0 if all(figure.kept for figure in measured) else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.random_page import KINDS, costs
+from benchmarks.random_page import KINDS, costs, figures
 from benchmarks.random_scenes import ACCURACY, SHORTER, Row, compared, finer_case, scene, table
 from wovenfab.case import read_case
 from wovenfab.study.runner import Ended
@@ -108,6 +108,23 @@ def test_the_true_error_is_the_largest_against_the_reference(reason: str, tmp_pa
     assert failed.reason.startswith(reason) and failed.reason.endswith("step 4 failed")
     right = compared(made, tmp_path, Ended(0, "", "", 1.0))
     assert right.true == pytest.approx(0.03) and right.reason == reason
+
+
+def test_figures_are_missed_by_rows_that_are_late_dishonest_or_mostly_search() -> None:
+    good = Row(1, "", 1, 1, 5.0, 2.0, 0.6 * ACCURACY, 0.6 * ACCURACY, "")
+    late, liar = replace(good, seconds=61.0, pilot=1.0), replace(good, true=0.9 * ACCURACY)
+    short, searched = replace(good, reason="short", pilot=61.0), replace(good, pilot=4.0)
+
+    def missed(row: Row, foreseen: int = 1) -> list[str]:
+        return [figure.name for figure in figures([row], [], foreseen) if not figure.kept]
+
+    assert missed(good) == []
+    assert missed(late) == ["1 % within 60 s"]
+    assert missed(liar) == ["1 %, honest"]
+    assert missed(searched) == ["share of the search in the time"]
+    assert missed(good, 0) == ["time that check expects within a factor of 3"]
+    assert "longest search that fell short" in missed(short)
+    assert any("0.3 %" in figure.name for figure in figures([good], [good], 1))
 
 
 def test_what_an_accuracy_costs_counts_what_reached_it_in_time_by_kind() -> None:
