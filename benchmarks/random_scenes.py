@@ -222,9 +222,10 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
     summary = _summary(out)
     said = summary["accuracy"]
     errors = [f["relative_error"] for f in said.get("figures", {}).values()]
+    stated = None if None in errors else max(errors, default=None)
     return Row(
         number, kind, summary["unknowns"], summary["steps"], ended.seconds,
-        summary["wall_time_s"]["pilot"], max(errors, default=None), None, said["shortfall"],
+        summary["wall_time_s"]["pilot"], stated, None, said["shortfall"],
         slow,
     )  # fmt: skip
 

@@ -22,7 +22,12 @@ from wovenfab.simulation.response import Response, response_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
-from wovenfab.study.target_accuracy.choice import known_start, remember, report_errors
+from wovenfab.study.target_accuracy.choice import (
+    UNKNOWN,
+    known_start,
+    remember,
+    report_errors,
+)
 from wovenfab.study.target_accuracy.estimate import FEW, SAFETY, response_with_degree
 from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
@@ -235,7 +240,7 @@ def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_th
     assert any("graded" in line for line in lines)
 
 
-def test_a_loss_that_coarse_elements_do_not_have_is_stated_without_an_error_of_steps() -> None:
+def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_known() -> None:
     """Steps are judged with coarse elements, of which all points may stick."""
     errors = {
         "wanted": 0.01,
@@ -245,10 +250,15 @@ def test_a_loss_that_coarse_elements_do_not_have_is_stated_without_an_error_of_s
     }
     summary = {"peak_force_N": 1.0, "dissipated_J": 2.0}
     history = {"time_s": np.arange(3.0), "force_N": np.arange(3.0)}
-    figures = report_errors(errors, summary, history, None, str)["accuracy"]["figures"]
-    assert figures["dissipated_J"]["error_of_steps"] is None
-    assert figures["dissipated_J"]["relative_error"] == pytest.approx(SAFETY * 2e-3)
-    assert figures["peak_force_N"]["error_of_steps"] == pytest.approx(1e-3)
+    lines: list[str] = []
+    said = report_errors(errors, summary, history, None, lines.append)["accuracy"]
+    loss, force = (said["figures"][name] for name in ("dissipated_J", "peak_force_N"))
+    assert loss["error_of_steps"] is loss["relative_error"] is loss["error"] is None
+    assert loss["error_of_elements"] == pytest.approx(2 * 2e-3)
+    assert force["error_of_steps"] == pytest.approx(1e-3)
+    assert said["shortfall"] == UNKNOWN and UNKNOWN in lines[-1]
+    part = f"{100 * SAFETY * 2e-3:.2g} %"
+    assert f"dissipated: estimated error {part} of elements, not known of steps" in lines
 
 
 @pytest.mark.parametrize(("phase", "missed"), [(0.0, False), (0.5, True)])

@@ -52,6 +52,11 @@ PARSING, PARSES, REPEATS = 0.023, 3, 5
 #: Angle to the mean of the families beyond which fibres are askew, rad.
 ASKEW = 0.01
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
+#: Why an accuracy counts as not reached where nothing slides in the trials of steps.
+UNKNOWN = (
+    "the error of the steps is not known, for yarns do not slide on the coarse mesh of their "
+    "trials; compare with a run that has more steps"
+)
 #: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
 
@@ -219,7 +224,8 @@ def report_errors(
     """Print the estimated errors; return the summary with them, and write it. Collective.
 
     How far the steps of the run missed the peak, which may be at another time than in trials, is
-    told by its own forces.
+    told by its own forces. Steps are judged with coarse elements. Of a figure that these do not
+    have, such as the loss where all of their points stick, the error is not known.
 
     Args:
         errors: What :func:`errors_of` returned.
@@ -231,10 +237,12 @@ def report_errors(
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
     missed = {PEAK: missed_peak(history["time_s"], history["force_N"])} if steps else {}
     figures = {
-        name: _error(summary[name], share, (steps or {}).get(name), missed.get(name, 0.0))
+        name: _error(summary[name], share, steps, name, missed.get(name, 0.0))
         for name, share in errors["elements"].items()
         if summary.get(name) is not None
     }
+    if not shortfall and any(f["relative_error"] is None for f in figures.values()):
+        shortfall = UNKNOWN
     if not shortfall and any(f["relative_error"] > ALMOST * wanted for f in figures.values()):
         shortfall = "the steps missed the peak of the force between them; shorter ones meet it"
     entry: dict[str, Any] = {"wanted": wanted, "shortfall": shortfall}
@@ -244,28 +252,35 @@ def report_errors(
     if directory is not None:
         write_summary(directory, more)
     for name, error in entry.get("figures", {}).items():
-        words, unit = WORDS[name]
-        say(
-            f"{words}: estimated error {_percent(error['relative_error'])} "
-            f"({error['error']:.3g} {unit})"
-        )
+        say(_told(error, errors["elements"][name], *WORDS[name]))
     if shortfall:
         say(_missed(shortfall, wanted))
     return more
 
 
 def _error(
-    value: float, elements: float, steps: float | None, missed: float
-) -> dict[str, float | None]:
-    """Return the errors of a figure."""
-    relative = stated_error(elements, steps or 0.0, missed)
+    value: float, elements: float, steps: Mapping[str, float] | None, name: str, missed: float
+) -> dict[str, Any]:
+    """Return the errors of a figure; None of what is not known."""
+    known = steps is None or name in steps
+    of_steps = (steps or {}).get(name)
+    relative = stated_error(elements, of_steps or 0.0, missed) if known else None
     return {
         "value": value,
-        "error": relative * abs(value),
+        "error": None if relative is None else relative * abs(value),
         "error_of_elements": elements * value,
-        "error_of_steps": None if steps is None else (steps - missed) * value,
+        "error_of_steps": None if of_steps is None else (of_steps - missed) * value,
         "relative_error": relative,
     }
+
+
+def _told(error: Mapping[str, Any], elements: float, words: str, unit: str) -> str:
+    """Return the error of a figure in words, or what elements (signed, relative) add to it."""
+    if error["relative_error"] is not None:
+        share, size = _percent(error["relative_error"]), error["error"]
+        return f"{words}: estimated error {share} ({size:.3g} {unit})"
+    part = _percent(stated_error(elements, 0.0))
+    return f"{words}: estimated error {part} of elements, not known of steps"
 
 
 def _missed(shortfall: str, accuracy: float) -> str:
