@@ -54,8 +54,8 @@ ASKEW = 0.01
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 #: Why an accuracy counts as not reached where nothing slides in the trials of steps.
 UNKNOWN = (
-    "the error of the steps is not known, for yarns do not slide on the coarse mesh of their "
-    "trials; compare with a run that has more steps"
+    "yarns slide in the run, but not on the coarse mesh on which its steps were judged; compare "
+    "with a run that has smaller cells and more steps"
 )
 #: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
@@ -225,7 +225,8 @@ def report_errors(
 
     How far the steps of the run missed the peak, which may be at another time than in trials, is
     told by its own forces. Steps are judged with coarse elements. Of a figure that these do not
-    have, such as the loss where all of their points stick, the error is not known.
+    have, such as the loss where all of their points stick, the error is not known: also that of
+    elements is often much larger than degrees show.
 
     Args:
         errors: What :func:`errors_of` returned.
@@ -252,7 +253,7 @@ def report_errors(
     if directory is not None:
         write_summary(directory, more)
     for name, error in entry.get("figures", {}).items():
-        say(_told(error, errors["elements"][name], *WORDS[name]))
+        say(_told(error, *WORDS[name]))
     if shortfall:
         say(_missed(shortfall, wanted))
     return more
@@ -274,13 +275,12 @@ def _error(
     }
 
 
-def _told(error: Mapping[str, Any], elements: float, words: str, unit: str) -> str:
-    """Return the error of a figure in words, or what elements (signed, relative) add to it."""
-    if error["relative_error"] is not None:
-        share, size = _percent(error["relative_error"]), error["error"]
-        return f"{words}: estimated error {share} ({size:.3g} {unit})"
-    part = _percent(stated_error(elements, 0.0))
-    return f"{words}: estimated error {part} of elements, not known of steps"
+def _told(error: Mapping[str, Any], words: str, unit: str) -> str:
+    """Return the error of a figure in words."""
+    if error["relative_error"] is None:
+        return f"{words}: its error is not known"
+    share, size = _percent(error["relative_error"]), error["error"]
+    return f"{words}: estimated error {share} ({size:.3g} {unit})"
 
 
 def _missed(shortfall: str, accuracy: float) -> str:
