@@ -5,12 +5,11 @@ Steps by BDF of third order, cells and steps as the accuracy allows; for 0.01 % 
 
 from __future__ import annotations
 
-import json
-from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from benchmarks.figure import Figure
 from benchmarks.probe import CASE, sample
+from wovenfab.record.summary import read_summary
 from wovenfab.study.runner import Command, execute
 
 ONE = ("program.amplitudes=40 mm",)
@@ -60,7 +59,7 @@ def _searched() -> list[Figure]:
         ended = execute(Command(command, SMALL_RANKS, environment={"XDG_CACHE_HOME": folder}))
         if ended.failure:
             raise RuntimeError(ended.failure)
-        summary = json.loads((Path(folder) / "run" / "summary.json").read_text(encoding="utf-8"))
+        summary = read_summary(f"{folder}/run")
     said = summary["accuracy"]["figures"]
     errors = {name: 100 * figure["relative_error"] for name, figure in said.items()}
     of = f"{summary['unknowns']} unknowns and {summary['steps']} steps, {SMALL_RANKS} ranks"

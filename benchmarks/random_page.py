@@ -202,19 +202,24 @@ def figures(rows: list[Row], finer: list[Row], foreseen: int) -> list[Figure]:
         if made:
             name = f"{100 * accuracy:g} % within {seconds:g} s"
             reached = of_all(sum(r.reaches(accuracy, seconds) for r in made), made)
-            stated = of_all(sum(r.is_honest for r in made), made)
+            honest = of_all(sum(r.is_honest for r in made), made)
             more = f"true error at most {MORE:g} % above the stated one, where it is known"
             kept += [
                 Figure(name, reached, share, "%", f"of {len(made)} scenes", at_least=True),
-                Figure(f"{100 * accuracy:g} %, honest", stated, 100.0, "%", more, at_least=True),
+                Figure(f"{100 * accuracy:g} %, honest", honest, 100.0, "%", more, at_least=True),
             ]
     late = max((r.pilot for r in rows if r.fell_short and r.unknowns), default=0.0)
     search = float(np.median([100 * r.pilot / r.seconds for r in rows]))
-    said, spent = "longest search that fell short", "share of the search in the time"
     return [
         *kept,
-        Figure(said, late, WANTED, "s", f"for {100 * ACCURACY:g} %, with compiling"),
-        Figure(spent, search, SEARCH, "%", "in the middle, with compiling"),
+        Figure(
+            "longest search that fell short", late, WANTED, "s",
+            f"for {100 * ACCURACY:g} %, with compiling",
+        ),
+        Figure(
+            "share of the search in the time", search, SEARCH, "%",
+            "in the middle, with compiling",
+        ),
         Figure(
             f"time that check expects within a factor of {FACTOR:g}",
             of_all(foreseen, rows), FORESEEN, "%", "of the scenes", at_least=True,

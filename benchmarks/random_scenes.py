@@ -21,6 +21,7 @@ import numpy as np
 
 from wovenfab.case import Case, read_case
 from wovenfab.record.results import markdown
+from wovenfab.record.summary import read_summary
 from wovenfab.simulation.response import NOTHING
 from wovenfab.study.runner import (
     Command,
@@ -219,7 +220,7 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
         return Row(
             number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended), slow
         )
-    summary = _summary(out)
+    summary = read_summary(out)
     said = summary["accuracy"]
     errors = [f["relative_error"] for f in said.get("figures", {}).values()]
     stated = None if None in errors else max(errors, default=None)
@@ -274,7 +275,7 @@ def compared(made: Row, folder: Path, ended: Ended) -> Row:
     if ended.failure:
         words = f"{NO_REFERENCE}: {_cause(ended)}"
         return replace(made, reason=f"{made.reason}; {words}" if made.reason else words)
-    summary, exact = _summary(folder / "run"), _summary(folder / "reference")
+    summary, exact = read_summary(folder / "run"), read_summary(folder / "reference")
     nothing = NOTHING * abs(exact["peak_force_N"] * exact["peak_force_at_m"])
     errors = [abs(summary[f] / exact[f] - 1) for f in FIGURES if abs(exact[f]) > nothing]
     shutil.rmtree(folder / "reference", ignore_errors=True)
@@ -306,11 +307,6 @@ def finer_case(case: Case) -> Case:
 def _run(path: Path, out: Path, limit: float, cache: Mapping[str, str]) -> Command:
     arguments = ["-m", "wovenfab", "run", str(path), "-o", str(out), "--overwrite"]
     return Command(arguments, RANKS, limit=limit, environment=cache)
-
-
-def _summary(out: Path) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    return content
 
 
 def list_of(rows: list[Row]) -> str:

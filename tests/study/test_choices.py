@@ -6,6 +6,7 @@ import logging
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from wovenfab.simulation.response import Response, response_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.study.target_accuracy import choice
 from wovenfab.study.target_accuracy.choice import (
     UNKNOWN,
     known_start,
@@ -244,7 +246,7 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     """Steps are judged with coarse elements, of which all points may stick."""
     errors = {
         "wanted": 0.01,
-        "shortfall": "",
+        "shortfall": UNKNOWN,
         "elements": {"peak_force_N": 1e-3, "dissipated_J": 2e-3},
         "steps": {"peak_force_N": 1e-3},
     }
@@ -258,6 +260,20 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     assert force["error_of_steps"] == pytest.approx(1e-3)
     assert said["shortfall"] == UNKNOWN and UNKNOWN in lines[-1]
     assert "dissipated: its error is not known" in lines
+
+
+def test_steps_that_could_not_be_judged_are_told_before_the_run_without_an_error(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    case = case_of("bias-1x3", "accuracy=1 %", "discretisation=null", "time=null")
+    lines: list[str] = []
+    space = {"peak_force_N": 1e-3, "dissipated_J": 2e-3}
+    for judged, shortfall in ((space, ""), ({"peak_force_N": 1e-3}, UNKNOWN)):
+        estimate = SimpleNamespace(space=space, time=judged, worst=4e-3)
+        found = Plan(case, sheet(case), estimate)  # type: ignore[arg-type]
+        monkeypatch.setattr(choice, "plan", lambda *_, found=found, **__: found)
+        assert choice.choose(case, sheet(case), lines.append, str).shortfall == shortfall
+    assert UNKNOWN in lines[-1] and "estimated error" not in lines[-1]
 
 
 @pytest.mark.parametrize(("phase", "missed"), [(0.0, False), (0.5, True)])

@@ -16,6 +16,7 @@ import re
 import timeit
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from itertools import chain
 from math import exp, inf, log
 from pathlib import Path
@@ -33,7 +34,7 @@ from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.response import missed_peak
-from wovenfab.study.target_accuracy.estimate import PEAK, stated_error
+from wovenfab.study.target_accuracy.estimate import PEAK, Estimate, stated_error
 from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
 from wovenfab.study.target_accuracy.time_steps import ALMOST
 
@@ -54,8 +55,8 @@ ASKEW = 0.01
 _NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 #: Why an accuracy counts as not reached where nothing slides in the trials of steps.
 UNKNOWN = (
-    "yarns slide in the run, but not on the coarse mesh on which its steps were judged; compare "
-    "with a run that has smaller cells and more steps"
+    "yarns slide with these elements, but not on the coarse mesh on which steps are judged; "
+    "compare with a run that has smaller cells and more steps"
 )
 #: Name and unit of the figures, as people read them.
 WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
@@ -85,6 +86,9 @@ def choose(
     path = Path(text) if (text := os.environ.get(CHOICES)) else None
     start = known_start(case, path) if path and together.rank == 0 else Start()
     chosen = plan(case, together, progress, start=together.bcast(start), mesher=mesher)
+    unknown = chosen.estimate is not None and not _is_known(chosen.estimate)
+    if unknown and not chosen.shortfall:
+        chosen = replace(chosen, shortfall=UNKNOWN)
     if path and not chosen.shortfall:
         on_root(together, lambda: remember(case, chosen.start, path))
     d = chosen.case.discretisation
@@ -95,10 +99,15 @@ def choose(
     logger.info("for an accuracy of %g: %s", case.accuracy, words)
     if chosen.shortfall:
         best = ""
-        if chosen.estimate is not None:
+        if chosen.estimate is not None and not unknown:
             best = f", estimated error {_percent(chosen.estimate.worst)}"
         say(f"{_missed(chosen.shortfall, case.accuracy)}; this is the best that was tried{best}")
     return chosen
+
+
+def _is_known(estimate: Estimate) -> bool:
+    """Return whether the steps were judged by all figures that the elements have."""
+    return estimate.time is None or set(estimate.space) <= set(estimate.time)
 
 
 def traits(case: Case) -> tuple[float, ...]:
@@ -242,9 +251,9 @@ def report_errors(
         for name, share in errors["elements"].items()
         if summary.get(name) is not None
     }
-    if not shortfall and any(f["relative_error"] is None for f in figures.values()):
-        shortfall = UNKNOWN
-    if not shortfall and any(f["relative_error"] > ALMOST * wanted for f in figures.values()):
+    if not shortfall and any(
+        (f["relative_error"] or 0.0) > ALMOST * wanted for f in figures.values()
+    ):
         shortfall = "the steps missed the peak of the force between them; shorter ones meet it"
     entry: dict[str, Any] = {"wanted": wanted, "shortfall": shortfall}
     if figures:
