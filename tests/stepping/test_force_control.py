@@ -32,7 +32,7 @@ def forced(names: tuple[str, ...], scheme: str, program: Program) -> tuple[list[
     numerics = PROTOTYPE if scheme == "backward-euler" else PROTOTYPE_TWO_STEPS
     equilibrium = solver(model(sheet(), names, numerics))
     stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 64)
-    stepper.control_force("right", (1.0, 0.0))
+    stepper.control_force()
     steps, forces = [], []
     for step in stepper.steps():
         steps.append(step)

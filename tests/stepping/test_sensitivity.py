@@ -52,7 +52,7 @@ def curves(
     equilibrium = scenes.solver(of, grips, PRECISE)
     stepper = TimeStepper(equilibrium, LOOP, SCHEMES[scheme], 1 / 64)
     if targets:
-        stepper.differentiate(targets, "right", (1.0, 0.0))
+        stepper.differentiate(targets)
     steps = list(stepper.steps())
     equilibrium.destroy()
     if targets:

@@ -25,7 +25,7 @@ from pydantic_core import core_schema
 from wovenfab.case.effects import Value
 from wovenfab.case.errors import describe, near_miss, one_of, wrong
 from wovenfab.case.formula import VARIABLES, Expression
-from wovenfab.case.quantities import OneOr, Quantity, Section, hide_default
+from wovenfab.case.quantities import Angle, OneOr, Quantity, Section, Size, hide_default
 from wovenfab.case.units import write
 
 _LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
@@ -34,8 +34,42 @@ PROGRAMS = frozenset({"program", "second_program"})
 
 
 @dataclass(frozen=True)
+class FrameMotion:
+    """A component of the displacement in a picture frame of four hinged bars.
+
+    A frame that is square at rest turns its two pairs of bars against each other about the
+    diagonal along which the crosshead moves. With D_1 and D_2 along the bars at rest, n the
+    direction of that diagonal, m that of the other one, and c = 1/sqrt(2) + program/(2 length)
+    the cosine of half the angle between the bars, D_1 becomes c n - sqrt(1 - c**2) m and D_2
+    becomes c n + sqrt(1 - c**2) m. The origin of the coordinates stays where it is.
+
+    Attributes:
+        length: Of the bars from hinge to hinge, m.
+        angle: Of the first bars to x, rad; the second ones are at right angles to them.
+        axis: 0 for the displacement along x, 1 along y.
+    """
+
+    length: float
+    angle: float
+    axis: int
+    variables = frozenset({"program"})
+
+    def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0) -> Any:
+        """Return the displacement (m) at points (m, arrays) for the crosshead's travel (m)."""
+        one = np.array([np.cos(self.angle), np.sin(self.angle)])
+        two = np.array([-one[1], one[0]])
+        n, m = ((two + sign * one)[self.axis] / np.sqrt(2) for sign in (1, -1))
+        c = 1 / np.sqrt(2) + program / (2 * self.length)
+        with np.errstate(invalid="ignore"):
+            s = np.sqrt(1 - c * c)
+        along_one, along_two = (x * d[0] + y * d[1] for d in (one, two))
+        turned = along_one * (c * n - s * m - one[self.axis])
+        return turned + along_two * (c * n + s * m - two[self.axis])
+
+
+@dataclass(frozen=True)
 class Component:
-    """Factor times program + offset, or a formula of x, y and both programs.
+    """Factor times program + offset, or another function of x, y and both programs.
 
     Attributes:
         held: False where the edge moves freely; the rest then means nothing.
@@ -47,13 +81,13 @@ class Component:
     held: bool = True
     factor: float = 0.0
     offset: float = 0.0
-    expression: Expression | None = None
+    expression: Expression | FrameMotion | None = None
 
     @property
     def follows(self) -> frozenset[str]:
         """The programs that move it."""
         if self.expression is not None:
-            return programs_in(self.expression)
+            return self.expression.variables & PROGRAMS
         return frozenset({"program"} if self.factor else ())
 
     @property
@@ -91,7 +125,7 @@ def write_component(component: Component) -> str | float:
     """Return a component as it is written in a case."""
     if not component.held:
         return "free"
-    if component.expression is not None:
+    if isinstance(component.expression, Expression):
         return component.expression.text
     words = [word for word, factor in _FACTORS.items() if factor == component.factor]
     return words[0] if words else write(component.offset, "m")
@@ -122,17 +156,39 @@ def _families(value: Any) -> tuple[int, ...]:
     return (int(value),)
 
 
+class Frame(Section):
+    """A picture frame: four bars of equal length with hinges at their ends, square at rest.
+
+    The program is the travel of the crosshead along the diagonal between two hinges; the angle
+    between the bars there becomes smaller as it grows. The fabric may be shorter than the bars.
+    """
+
+    length: Size
+    """Of the bars from hinge to hinge."""
+
+    angle: Angle = 0.0
+    """Direction of the bars of the first pair from x; the others are at right angles to them."""
+
+    @property
+    def components(self) -> tuple[Component, Component]:
+        """The displacement along x and y of all that is fixed to it."""
+        x, y = (FrameMotion(self.length, self.angle, axis) for axis in (0, 1))
+        return Component(expression=x), Component(expression=y)
+
+
 class EdgeCondition(Section):
     """What is prescribed on an edge; clamp is short for no displacement."""
 
-    components: tuple[AnyComponent, AnyComponent] = Field(
+    displacement: tuple[AnyComponent, AnyComponent] = Field(
         default=(FREE, FREE),
-        alias="displacement",
         examples=[["program", 0]],
         json_schema_extra={"default": ["free", "free"]},
     )
     """Displacement along x and y: program, -program, second_program, a length, free, or a formula
     of all."""
+
+    frame: Frame | None = Field(default=None, examples=[{"length": "250 mm"}])
+    """The picture frame whose bar holds this edge, in place of a displacement."""
 
     rotation: Annotated[
         bool,
@@ -155,6 +211,11 @@ class EdgeCondition(Section):
     """The only family that is meant; both unless given."""
 
     @property
+    def components(self) -> tuple[Component, Component]:
+        """How it is held along x and y."""
+        return self.frame.components if self.frame else self.displacement
+
+    @property
     def moves(self) -> bool:
         """Whether the program moves this edge."""
         return any(c.held and c.moves for c in self.components)
@@ -170,7 +231,7 @@ class EdgeCondition(Section):
         """Whether it has a force or a displacement that does not follow a program."""
         held = [c.expression or c.offset for c in self.components if c.held and not c.follows]
         given = (*held, *(load for load in self.force or () if not programs_in(load)))
-        return any(isinstance(value, Expression) or value != 0 for value in given)
+        return any(value != 0 for value in given)
 
     @model_validator(mode="before")
     @classmethod
@@ -200,10 +261,15 @@ class EdgeCondition(Section):
 
     @model_validator(mode="after")
     def _sensible(self) -> EdgeCondition:
-        if not self.model_fields_set & {"components", "rotation", "force"}:
+        if not self.model_fields_set & {"displacement", "frame", "rotation", "force"}:
             raise wrong(
-                "expected a displacement, a rotation or a force",
+                "expected a displacement, a frame, a rotation or a force",
                 "For example {displacement: [program, 0]}.",
+            )
+        if self.frame and self.model_fields_set & {"displacement", "rotation", "force"}:
+            raise wrong(
+                "'frame' prescribes both displacements, and the yarns turn with its bars",
+                "Leave out displacement, rotation and force, or 'frame'.",
             )
         for axis, component, load in zip("xy", self.components, self.force or (), strict=False):
             if component.held and load != 0:
@@ -217,7 +283,9 @@ class EdgeCondition(Section):
     @model_serializer(mode="plain", when_used="json")
     def _written(self) -> dict[str, Any]:
         parts: dict[str, Any] = {} if self.families == BOTH else {"family": self.families[0]}
-        parts["displacement"] = [write_component(c) for c in self.components]
+        if self.frame:
+            return parts | {"frame": self.frame.model_dump(mode="json")}
+        parts["displacement"] = [write_component(c) for c in self.displacement]
         parts["rotation"] = _ROTATIONS[self.rotation]
         return parts | ({"force": [_LOAD.write(v) for v in self.force]} if self.force else {})
 

@@ -175,6 +175,23 @@ def _edges_everywhere(
 
 
 @_rule
+def _frames(boundary: Boundary, program: Program) -> Iterator[Finding]:
+    """Yield frames that the program folds flat, and those of one sheet that differ."""
+    frames = [(name, i, c.frame) for name, i, c in conditions_of(boundary) if c.frame]
+    travel = reached(program)
+    for name, i, frame in frames:
+        here: KeyPath = ("boundary", name, i, "frame")
+        if frame != frames[0][2]:
+            reason = f"differs from that of '{frames[0][0]}'"
+            yield here, reason, "All edges in a frame have the same one."
+        opens, closes = frame.length * (2 - sqrt(2)), frame.length * sqrt(2)
+        if max(travel) >= opens or min(travel) <= -closes:
+            reason = "the bars lie side by side before the end of the program"
+            remedy = f"The crosshead can travel less than {opens:.4g} m, or {closes:.4g} m back."
+            yield (*here, "length"), reason, remedy
+
+
+@_rule
 def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     if needs_of_scene(scene).placements == 2:
         return
@@ -359,8 +376,9 @@ def unfit_conditions(
     for i, condition in enumerate(conditions):
         here: KeyPath = ("boundary", edge, i)
         given = [
-            ((*here, "displacement", k), c.expression or 0.0)
-            for k, c in enumerate(condition.components)
+            ((*here, "displacement", k), c.expression)
+            for k, c in enumerate(condition.displacement)
+            if isinstance(c.expression, Expression)
         ]
         for path, value in (*given, *_formulas((*here, "force"), condition.force or ())):
             over = [values_at(value, x, y, *together) for together in programs]

@@ -44,10 +44,17 @@ _OPERATORS: Mapping[str, Callable[..., Any]] = {
     **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv},
     **{"**": operator.pow, "negative": operator.neg},
 }
+
+
+def _absolute(value: Any) -> Any:
+    """Return the value or its negative, such that it is differentiable by a complex step."""
+    return np.where(np.real(value) < 0, -value, value)
+
+
 #: The functions, comparisons and connectives for arrays; ``if`` takes a condition and two values.
 NUMPY_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
-    **{name: getattr(np, name) for name in FUNCTIONS if name not in ("min", "max", "if")},
-    **{"min": np.minimum, "max": np.maximum, "if": np.where},
+    **{name: getattr(np, name) for name in FUNCTIONS if name not in ("abs", "min", "max", "if")},
+    **{"abs": _absolute, "min": np.minimum, "max": np.maximum, "if": np.where},
     **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
     **{"and": np.logical_and, "or": np.logical_or},
 }

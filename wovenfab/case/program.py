@@ -89,7 +89,7 @@ class _Segment(Section):
 class Cycles(_Segment):
     """Cycles from where the last segment ended and back, A/2 (1 - cos(2 pi t/T)) each.
 
-    Amplitudes with a unit of force prescribe the force of the driven edge.
+    Amplitudes with a unit of force prescribe the force that is conjugate to it.
     """
 
     type: Literal["cycles"] = Field(default="cycles", json_schema_extra=hide_default)
@@ -143,7 +143,7 @@ class Ramp(_Segment):
     """Kind of segment."""
 
     to: Annotated[float, Driven()] = Field(examples=["40 mm"])
-    """Displacement at the end, or the force of the driven edge."""
+    """Displacement at the end, or the force that is conjugate to it."""
 
     steps: AtLeastOne = 20
     """Number of equal steps."""
@@ -253,7 +253,7 @@ Segment = Annotated[Cycles | Ramp | Hold | Trapezoid | Table, Field(discriminato
 
 
 def prescribe_forces(program: Iterable[Segment]) -> list[bool]:
-    """Return of each segment whether it prescribes the force of the driven edge."""
+    """Return of each segment whether it prescribes a force, which is conjugate to it."""
     kinds = [False]
     for segment in program:
         match segment:

@@ -11,18 +11,24 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import shapely
 import ufl
 from dolfinx import fem, la
 from mpi4py import MPI
 from numpy.typing import NDArray
+from ufl.algorithms.apply_derivatives import apply_derivatives
+from ufl.constantvalue import Zero
 
 from forms.balance import Load
 from wovenfab.model.assembly import compile_forms
+from wovenfab.model.corners import Claim, corner_shares
 from wovenfab.model.spaces import Placements
 from wovenfab.sheet.sheet import Sheet
 
-#: Change of the program (m) in differences of formulas.
-DIFFERENCE = 1e-5
+#: Imaginary change of the program, m: the derivative is exact to rounding whatever its size.
+#: Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions
+#: (1998), doi:10.1137/S003614459631241X.
+COMPLEX_STEP = 1e-40
 #: Rounding error of displacements over the largest one.
 ROUNDING = 1e-12
 #: A component of a load: a number, or a function of position and programs (UFL in and out).
@@ -53,6 +59,7 @@ class DeadLoads:
         share: Share of the loads that acts; 1 but on the way to the start of a program.
         loads: The loads as symbols.
         form: Compiled form of their force; None without loads.
+        change: Compiled form of its derivative by the program; None where they do not follow it.
     """
 
     program: fem.Constant
@@ -60,28 +67,25 @@ class DeadLoads:
     share: fem.Constant
     loads: tuple[Load, ...]
     form: fem.Form | None
+    change: fem.Form | None
     _own: int
 
     def set(self, program: float, share: float = 1.0) -> None:
         """Let the loads act that belong to a program value (m), or a share of them."""
         self.program.value, self.share.value = program, share
 
-    def rate(self, program: float) -> NDArray[np.float64]:
+    def rate(self) -> NDArray[np.float64]:
         """Return the change of the force with the program (N/m) at own unknowns; collective."""
-        if self.form is None:
-            return np.zeros(self._own)
-        forces = []
-        for at in (program + DIFFERENCE, program - DIFFERENCE):
-            self.set(at)
-            forces.append(self.force())
-        self.set(program)
-        return np.asarray((forces[0] - forces[1]) / (2 * DIFFERENCE))
+        return self._assembled(self.change)
 
     def force(self) -> NDArray[np.float64]:
         """Return the force (N) of all loads at this rank's own unknowns; collective."""
-        if self.form is None:
+        return self._assembled(self.form)
+
+    def _assembled(self, form: fem.Form | None) -> NDArray[np.float64]:
+        if form is None:
             return np.zeros(self._own)
-        vector = fem.assemble_vector(self.form)
+        vector = fem.assemble_vector(form)
         vector.scatter_reverse(la.InsertMode.add)
         force: NDArray[np.float64] = vector.array[: self._own].copy()
         return force
@@ -101,19 +105,32 @@ def dead_loads_on(
     program, second, share = (fem.Constant(mesh, np.float64(v)) for v in (0.0, 0.0, 1.0))
     position = ufl.SpatialCoordinate(mesh)
 
+    at = ufl.variable(program)
+
     def component(force: Force) -> Any:
         if callable(force):
-            return share * force(position, program, second)
+            return share * force(position, at, second)
         return share * fem.Constant(mesh, np.float64(force))
 
-    symbols = tuple(
-        Load(ufl.as_vector([component(f) for f in load.force]), load.families, on_edge(load.edge))
-        for load in loads
-    )
+    def changed(load: EdgeLoad) -> Any:
+        rates = (ufl.diff(component(f), at) if callable(f) else 0 for f in load.force)
+        return apply_derivatives(ufl.as_vector(list(rates)))
+
+    def symbol(load: EdgeLoad, vector: Any) -> Load:
+        return Load(vector, load.families, on_edge(load.edge))
+
+    symbols = tuple(symbol(load, ufl.as_vector(list(map(component, load.force)))) for load in loads)
+    changes = [(load, changed(load)) for load in loads]
+    changes = [(load, change) for load, change in changes if not isinstance(change, Zero)]
     test = ufl.TestFunction(space)
-    forms = compile_forms([sum(load.work(test) for load in symbols)], mesh.comm) if loads else []
+    works = [
+        [load.work(test) for load in symbols],
+        [symbol(load, change).work(test) for load, change in changes],
+    ]
+    compiled = iter(compile_forms([sum(work) for work in works if work], mesh.comm))
+    form, change = (next(compiled) if work else None for work in works)
     own = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
-    return DeadLoads(program, second, share, symbols, forms[0] if forms else None, own)
+    return DeadLoads(program, second, share, symbols, form, change, own)
 
 
 Array = NDArray[np.float64]
@@ -126,25 +143,31 @@ class Held:
     Attributes:
         factor: Multiple of the program.
         offset: Constant part, m.
-        field: Displacement (m) against x, y (m) and both programs (m), instead of both.
+        field: Displacement (m) against x, y (m) and both programs (m), instead of both; it is
+            analytic in the programs, which may be complex.
+        driven: Whether the program moves it where it has a field.
     """
 
     factor: float = 0.0
     offset: float = 0.0
-    field: Callable[[Array, Array, float, float], Array] | None = None
+    field: Callable[[Array, Array, complex, complex], Array] | None = None
+    driven: bool = True
 
-    def at(self, positions: Array, program: float, second: float = 0.0) -> Array:
+    @property
+    def moves(self) -> bool:
+        """Whether the program moves it."""
+        return self.driven if self.field else self.factor != 0
+
+    def at(self, positions: Array, program: complex, second: complex = 0.0) -> Array:
         """Return the displacement (m) at reference positions, shape (n, 2 or 3)."""
         x, y = positions[:, 0], positions[:, 1]
         value = self.factor * program + self.offset
         return np.broadcast_to(self.field(x, y, program, second) if self.field else value, x.shape)
 
-    def rate(self, positions: Array, program: float, second: float = 0.0) -> Array | float:
+    def rate(self, positions: Array, program: float, second: float = 0.0) -> Array:
         """Return the change of the displacement with the program (1) at reference positions."""
-        if self.field is None:
-            return self.factor
-        after, before = (self.at(positions, program + d, second) for d in (DIFFERENCE, -DIFFERENCE))
-        return np.asarray((after - before) / (2 * DIFFERENCE))
+        after = self.at(positions, program + 1j * COMPLEX_STEP, second)
+        return np.asarray(np.imag(after) / COMPLEX_STEP)
 
 
 @dataclass(frozen=True)
@@ -183,7 +206,8 @@ class _Part:
 class Constraints:
     """The prescribed placements of a scene.
 
-    An unknown that two edges hold (a corner) belongs to the edge named first.
+    An unknown that two edges hold (a corner) is prescribed by the edge named first; its reaction
+    is divided between both (:mod:`wovenfab.model.corners`).
 
     Attributes:
         bcs: Boundary conditions for dolfinx: the same for the space of both placements and
@@ -216,6 +240,8 @@ class Constraints:
             for space in placements.spaces
         ]
         self.own = np.concatenate([part.owned for part in self._parts] or [dofs])
+        self._own = placements.owned
+        self._shares = corner_shares(placements, sheet, _claims(placements, grips))
 
     def set(self, program: float, share: float = 1.0) -> None:
         """Prescribe the placements for a program value (m), or a share of them; collective.
@@ -235,18 +261,75 @@ class Constraints:
             change[part.dofs] = part.held.rate(part.positions, program, self.second)
         return change
 
-    def virtual_displacement(self, edge: str, direction: tuple[float, float]) -> Array:
-        """Return a unit displacement of an edge's held unknowns (1), zero at all others.
+    def virtual_displacement(self, program: float, load: Array) -> Array:
+        """Return the displacements (1) on which the work of reactions is the recorded force.
+
+        They are the derivatives of prescribed displacements by the program. Where it moves no edge,
+        they are the prescribed displacements over the largest one or, where these are zero, a
+        translation of all held unknowns against the resultant of the dead loads. Collective.
 
         Args:
-            edge: Name of the edge.
-            direction: Unit vector.
+            program: Value of the program, m.
+            load: Dead loads at this rank's own unknowns, N.
         """
-        virtual = np.zeros(self._values.x.array.size)
+        if any(part.held.moves for part in self._parts) or not self._parts:
+            return self.rate(program)
+        given = np.zeros(self._values.x.array.size)
         for part in self._parts:
-            if part.edge == edge:
-                virtual[part.dofs] = direction[part.component]
-        return virtual
+            given[part.dofs] = part.held.at(part.positions, program, self.second)
+        squares = np.square(given.reshape(-1, 2)).sum(axis=1)
+        largest = self._comm.allreduce(float(np.sqrt(squares.max(initial=0.0))), op=MPI.MAX)
+        if largest:
+            return np.asarray(given / largest)
+        resultant = self._comm.allreduce(load.reshape(-1, 2).sum(axis=0))
+        if size := float(np.hypot(*resultant)):
+            for part in self._parts:
+                given[part.dofs] = -resultant[part.component] / size
+        return given
+
+    def conjugate(self, force: Array, virtual: Array) -> tuple[float, float]:
+        """Return the work (N) of reactions on virtual displacements, and on these turned.
+
+        With those of :meth:`virtual_displacement` the first one is the force that is conjugate to
+        the program: its integral over the program is the work of the edges. For the second one,
+        the force across it, they are turned by 90 degrees. Collective.
+
+        Args:
+            force: Internal force at this rank's own unknowns, N.
+            virtual: Displacements of unknowns with ghosts (1).
+        """
+        v, held = virtual[: len(force)].reshape(-1, 2), np.zeros(len(force))
+        held[self.own] = force[self.own]
+        x, y = held.reshape(-1, 2).T
+        mine = np.array([x @ v[:, 0] + y @ v[:, 1], y @ v[:, 0] - x @ v[:, 1]])
+        along, across = self._comm.allreduce(mine)
+        return float(along), float(across)
+
+    def travel(self, program: float, start: float) -> float:
+        """Return by how much the held edges move against each other (m); collective.
+
+        It is the largest distance by which two held points move towards or away from each other
+        or past each other, counted in the components in which both are held.
+
+        Args:
+            program: Value of the program at the end, m.
+            start: Value at the start, m.
+        """
+        moved = np.full(self._values.x.array.size, np.nan)
+        for part in self._parts:
+            end, begin = (part.held.at(part.positions, p, self.second) for p in (program, start))
+            moved[part.dofs] = end - begin
+        mine = moved[: self._own].reshape(-1, 2)
+        points = np.unique(mine[~np.isnan(mine).all(axis=1)], axis=0)
+        points = np.unique(np.concatenate(self._comm.allgather(points)), axis=0)
+        spans = [np.ptp(c[~np.isnan(c)]) for c in points.T if not np.isnan(c).all()]
+        both = points[~np.isnan(points).any(axis=1)]
+        if len(both) > 1:
+            hull = shapely.MultiPoint(both).convex_hull
+            corners = shapely.get_coordinates(hull)
+            spans.append(np.linalg.norm(corners[:, None] - corners, axis=2).max())
+        largest = max(spans, default=0.0)
+        return float(largest or np.nan_to_num(np.abs(points)).max(initial=0.0))
 
     @contextmanager
     def prescribed(self, values: Array) -> Iterator[list[fem.DirichletBC]]:
@@ -268,6 +351,10 @@ class Constraints:
         total = np.zeros((len(self.edges), 2))
         for part in self._parts:
             total[self.edges.index(part.edge), part.component] += force[part.owned].sum()
+        for share in self._shares:
+            moved = float(share.weights @ force[share.unknowns])
+            total[self.edges.index(share.taken), share.component] -= moved
+            total[self.edges.index(share.given), share.component] += moved
         total = self._comm.allreduce(total)
         return {
             name: (float(fx), float(fy)) for name, (fx, fy) in zip(self.edges, total, strict=True)
@@ -303,6 +390,17 @@ class Constraints:
             for p in self._parts
         )
         return bool(self._comm.allreduce(int(mine)))
+
+
+def _claims(placements: Placements, grips: Sequence[Grip]) -> list[Claim]:
+    """Return what each grip holds, in the order in which unknowns are given to them."""
+    return [
+        Claim(grip.edge, family, component)
+        for grip in grips
+        for family in (grip.families if placements.count == 2 else (0,))
+        for component in (0, 1)
+        if grip.components[component] is not None
+    ]
 
 
 def _parts(placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> list[_Part]:

@@ -253,8 +253,8 @@ class BiasExtension:
         return self.factor * displacement + self.offset
 
     def tension(self, force: Values) -> Values:
-        """Return the tension between the grips (N) for forces along the program (N)."""
-        return force if self.factor > 0 else -force
+        """Return the tension between the grips (N) for forces conjugate to the program (N)."""
+        return np.asarray(force / self.factor)
 
     def shear_angle(self, elongation: Values) -> Values:
         """Return gamma = 90 deg - 2 acos((L0 + d) / (sqrt(2) L0)) in the central zone (rad).

@@ -40,8 +40,10 @@ class Cycle:
         complete: Whether the run reached the end; if not, the figures are those so far.
         peak_time, peak_displacement: Reversal (s, m): farthest from where it began.
         peak_force, residual_force: Force of largest size, and at the end (N).
-        secant_stiffness: Slope from the start to the reversal (N/m).
-        loop_area: Integral of force over displacement, by trapezoids (J).
+        secant_stiffness: Change of the force from the start to the reversal over that of the
+            displacement, both of the grips against each other (N/m).
+        loop_area: External work in the cycle, as the energy balance sums it (J): the area inside
+            the loop of force against displacement, if the cycle is closed.
         stored_at_peak, dissipated: Energy at the reversal, and lost by all effects (J).
         imbalance: Change of the energy imbalance (J).
     """
@@ -84,19 +86,22 @@ class Cycle:
         }
 
 
-def cycles(history: Columns, spans: Iterable[tuple[float, float]]) -> list[Cycle]:
+def cycles(
+    history: Columns, spans: Iterable[tuple[float, float]], travel: float = 1.0
+) -> list[Cycle]:
     """Return the figures of each cycle that the history entered.
 
     Args:
         history: Columns of ``history.csv``.
         spans: Times (s) at which each cycle begins and ends, in order.
+        travel: Displacement of the grips against each other per displacement of the program.
     """
     time = history["time_s"]
     if len(time) < 2:
         return []
     slack = 1e-9 * (time[-1] - time[0])
     return [
-        _cycle(history, start, end, bool(end <= time[-1] + slack))
+        _cycle(history, start, end, bool(end <= time[-1] + slack), travel)
         for start, end in spans
         if start < time[-1] - slack
     ]
@@ -121,13 +126,14 @@ def write_cycles(
     history: Columns,
     spans: Iterable[tuple[float, float]],
     specimen: BiasExtension | None,
+    travel: float = 1.0,
 ) -> None:
     """Write ``cycles.csv`` if there is a cycle; on one rank, after the fields.
 
     A bias-extension test has its ``specimen``, which adds columns; see :func:`cycles`.
     """
     rows: list[dict[str, Figure]] = []
-    for number, cycle in enumerate(cycles(history, spans), 1):
+    for number, cycle in enumerate(cycles(history, spans, travel), 1):
         row: dict[str, Figure] = {"cycle": number, **cycle.as_dict()}
         rows.append(row | (_shear(cycle, history, specimen, directory) if specimen else {}))
     if rows:
@@ -150,6 +156,7 @@ def summarise(
     *,
     outcome: str,
     unknowns: int,
+    travel: float = 1.0,
     cut_backs: int,
     seconds: Mapping[str, float],
     ranks: int,
@@ -163,6 +170,7 @@ def summarise(
         spans: Times (s) at which each cycle begins and ends, in order.
         outcome: ``"finished"``, or the reason of the failure in plain words.
         unknowns: Number of unknowns.
+        travel: Displacement of the grips against each other per displacement of the program.
         cut_backs: How often a step was rejected and retried with a smaller size.
         seconds: Wall time of each phase (s).
         ranks: Number of MPI ranks.
@@ -183,7 +191,8 @@ def summarise(
         "dissipated_J": float(history["dissipated_J"][-1]) if rows else None,
         "work_J": float(history["work_J"][-1]) if rows else None,
         "worst_imbalance_J": float(np.abs(history["imbalance_J"]).max()) if rows else None,
-        "cycles": [cycle.as_dict() for cycle in cycles(history, spans)],
+        "grip_travel_per_program": travel,
+        "cycles": [cycle.as_dict() for cycle in cycles(history, spans, travel)],
         "unknowns": unknowns,
         "newton_iterations": {
             "total": int(iterations.sum()),
@@ -237,11 +246,11 @@ def read_summary(directory: str | Path) -> dict[str, Any]:
     return content
 
 
-def _cycle(history: Columns, start: float, end: float, complete: bool) -> Cycle:
+def _cycle(history: Columns, start: float, end: float, complete: bool, travel: float) -> Cycle:
     part = window(history, start, end)
     u, force = part["displacement_m"], part["force_N"]
     turn = int(np.abs(u - u[0]).argmax())
-    way = float(u[turn] - u[0])
+    way = float(u[turn] - u[0]) * travel**2  # the force of the grips is F/travel
     return Cycle(
         start=float(start),
         end=float(end),
@@ -251,7 +260,7 @@ def _cycle(history: Columns, start: float, end: float, complete: bool) -> Cycle:
         peak_force=peak_force(force),
         residual_force=float(force[-1]),
         secant_stiffness=float(force[turn] - force[0]) / way if way else None,
-        loop_area=float(np.trapezoid(force, u)),
+        loop_area=float(part["work_J"][-1] - part["work_J"][0]),
         stored_at_peak=float(part["energy_J"][turn]),
         dissipated=float(part["dissipated_J"][-1] - part["dissipated_J"][0]),
         imbalance=float(part["imbalance_J"][-1] - part["imbalance_J"][0]),

@@ -203,7 +203,7 @@ def _missing(run: Run) -> list[str]:
 
 def _sections(run: Run) -> Iterator[Section]:
     source, stored = run.source, run.stored
-    caption = "Force of the driven edge against its displacement."
+    caption = "Force of the program against its displacement."
     yield section(
         "Force against displacement",
         lambda: [vector(curves.loop(source), "loop", caption, in_words(source))],
@@ -213,7 +213,7 @@ def _sections(run: Run) -> Iterator[Section]:
     yield section(
         "Program and energies",
         lambda: [
-            vector(curves.program(source), "program", "Motion of the driven edge.", _way(source)),
+            vector(curves.program(source), "program", "The program against time.", _way(source)),
             vector(
                 *(curves.energies(source), "energies", "Energies by effect over time."),
                 f"Stored: {_parts(source, 'energy')}. Dissipated: {_parts(source, 'dissipated')}.",
@@ -230,7 +230,7 @@ def _sections(run: Run) -> Iterator[Section]:
                 ),
                 raster(
                     *(sheet.deformed(source, stored), "Sheet at its largest displacement."),
-                    f"The driven edge is {largest(source, stored).words}.",
+                    f"The program is {largest(source, stored).words}.",
                 ),
             ],
             lambda: _mode(source),
@@ -298,7 +298,7 @@ def _sections_of_several(runs: Mapping[str, Run]) -> Iterator[Section]:
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loops(named), "loops", "Force of the driven edge.", told)],
+        lambda: [vector(curves.loops(named), "loops", "Force of the program.", told)],
     )
     if any(source.cycles for _, source in named):
         caption = "Figures of the complete cycles, against their reversals."

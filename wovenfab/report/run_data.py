@@ -75,8 +75,9 @@ def open_run_data(directory: str | Path) -> RunData:
     angles = (case.get("sheet") or {}).get("fibres")
     fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
+    travel = summary.get("grip_travel_per_program", 1.0)
     title = str(case.get("title") or folder.resolve().name)
-    return RunData(folder, title, fibres, history, cycles(history, spans), summary)
+    return RunData(folder, title, fibres, history, cycles(history, spans, travel), summary)
 
 
 def stored_of(directory: Path, name: str = FIELDS) -> StoredFields | None:

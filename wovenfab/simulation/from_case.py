@@ -84,7 +84,7 @@ def held_of(component: Component) -> Held | None:
     if not component.held:
         return None
     if component.expression is not None:
-        return Held(field=component.at)
+        return Held(field=component.at, driven=component.moves)
     return Held(component.factor, component.offset)
 
 
@@ -342,23 +342,6 @@ def options_of(case: Case) -> SolverOptions:
 def scheme_of(case: Case) -> Scheme:
     """Return the time scheme of a case."""
     return SCHEMES[case.time.scheme]
-
-
-def driven_edge(case: Case) -> tuple[str, tuple[float, float]]:
-    """Return the first edge that the program moves, and its direction of motion.
-
-    Where a formula moves it, or nothing does, the direction is that of the held
-    components of the first held edge.
-    """
-    conditions = [(name, edge) for name, _, edge in conditions_of(case.boundary)]
-    moved = [(name, edge) for name, edge in conditions if edge.moves]
-    held = [(name, edge) for name, edge in conditions if any(c.held for c in edge.components)]
-    name, edge = (moved or held)[0]
-    x, y = (c.factor for c in edge.components)
-    if not (x or y):
-        x, y = (float(c.held and (c.moves or not moved)) for c in edge.components)
-    size = (x * x + y * y) ** 0.5
-    return name, (x / size, y / size)
 
 
 def _custom_effect_errors(case: Case) -> AbstractContextManager[None]:

@@ -146,7 +146,7 @@ class Response:
 
     @property
     def forces(self) -> Array:
-        """Force of the driven edge along its motion, N."""
+        """Force that is conjugate to the program, N."""
         return np.array([s.force for s in self.steps])
 
     @property

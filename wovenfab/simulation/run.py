@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.model.constraints import Constraints
 from wovenfab.model.fields import FieldProbe, Probes
 from wovenfab.model.model import Model, preserved
 from wovenfab.parallel import on_root
@@ -146,12 +147,14 @@ def run(
         )
     else:
         columns = comm.bcast(read_history(directory) if comm.rank == 0 else None)
+    travel = _travel(simulation.solver.problem.constraints, columns["displacement_m"])
     all_parts = parts()
     summary = summarise(
         columns,
         program.cycles,
         outcome=str(outcome),
         unknowns=model.unknowns,
+        travel=travel,
         cut_backs=outcome.cutbacks,
         seconds=total(part["wall_time_s"] for part in all_parts),
         ranks=comm.size,
@@ -161,10 +164,21 @@ def run(
     if directory is not None:
         write_summary(directory, summary, comm)
         specimen = bias_extension_of(simulation.case)
-        on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen))
+        on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen, travel))
         if lines := simulation.case.output.lines:
             on_root(comm, lambda: write_lines(directory, lines, model.sheet.fibres))
     return outcome, columns, summary
+
+
+def _travel(constraints: Constraints, displacements: NDArray[np.float64]) -> float:
+    """Return how far the grips move against each other per displacement of the program.
+
+    It is the mean up to the farthest displacement (m) of a history; 1 where nothing moves.
+    """
+    first = displacements[:1].sum()
+    farthest = displacements[np.abs(displacements - first).argmax()] if len(displacements) else 0.0
+    way = abs(farthest - first)
+    return constraints.travel(farthest, first) / way or 1.0 if way else 1.0
 
 
 def total(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
@@ -234,7 +248,7 @@ class ModeWriter:
 
     Attributes:
         figures: Of each loss: its time (s), displacement (m), how far from there the first
-            saddle is (m), force on the driven edge along the program (N), and the number
+            saddle is (m), force that is conjugate to the program (N), and the number
             of negative eigenvalues there.
     """
 
@@ -275,7 +289,7 @@ class ModeWriter:
                 "time_s": loss.time,
                 "displacement_m": loss.displacement,
                 "known_to_m": abs(loss.increment),
-                "force_N": self._simulation.driven_force(loss.reactions)[0],
+                "force_N": loss.force,
                 "negative_eigenvalues": loss.negatives,
             }
         )

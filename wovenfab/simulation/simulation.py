@@ -19,7 +19,6 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.checkpoint import SnapshotFormat, state_of
 from wovenfab.simulation.from_case import (
     constraints_of,
-    driven_edge,
     in_case,
     model_of,
     options_of,
@@ -101,9 +100,8 @@ class Simulation:
             step_size,
             case.time.tolerance,
         )
-        self._edge, self._direction = driven_edge(case)
         if self.program.changes:
-            self.stepper.control_force(self._edge, self._direction)
+            self.stepper.control_force()
         self._prepared = False
         self.outcome = Outcome()
 
@@ -117,17 +115,8 @@ class Simulation:
         """The ranks."""
         return self.model.comm
 
-    def driven_force(self, forces: dict[str, tuple[float, float]]) -> tuple[float, float]:
-        """Return the force (N) of the driven edge along its motion and across it.
-
-        Args:
-            forces: Forces (N; x, y) of all held edges.
-        """
-        (x, y), (fx, fy) = self._direction, forces[self._edge]
-        return x * fx + y * fy, x * fy - y * fx
-
     def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
-        """Give each step the derivatives of driven force and dissipation by parameters; collective.
+        """Give each step the derivatives of force and dissipation by parameters; collective.
 
         Raises:
             CaseError: If the program prescribes a force.
@@ -136,9 +125,8 @@ class Simulation:
         if self.program.changes:
             message = "derivatives by parameters are not available where a force is prescribed"
             raise CaseError([self.case.problem("program", message, "Prescribe displacements.")])
-        edge, direction = self._edge, self._direction
         targets = [in_case(target, self.case) for target in targets]
-        self.stepper.differentiate(targets, edge, direction, dissipation=dissipation)
+        self.stepper.differentiate(targets, dissipation=dissipation)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step; collective.
@@ -148,10 +136,7 @@ class Simulation:
             StabilityLostError: If no minimum lies beyond it.
         """
         self.prepare()
-        for step in self.stepper.steps():
-            along, across = self.driven_force(step.reactions)
-            error = self.driven_force(dict(step.error.forces))[0] if step.error else 0.0
-            yield replace(step, force=along, force_transverse=across, force_error=error)
+        yield from self.stepper.steps()
 
     def prepare(self) -> str:
         """Take the state that the case starts from, and say what that is; collective.

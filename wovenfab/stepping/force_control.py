@@ -1,12 +1,13 @@
-"""Force control: the displacement of the program for which the driven edge has a given force.
+"""Force control: the displacement of the program for which its conjugate force is a given one.
 
-Where a step has its equilibrium, the force F of the driven edge is a function of the displacement
-u alone, which equilibrium for prescribed placements gives. F(u) is solved for u by Newton's
-method inside a bracket. The first slope is that of the tangent K at an equilibrium: with the change
-w of the prescribed placements with u, a unit displacement v of the driven edge, and the free part
-of K, dF/du = (v - y).K w with K_free y = K v, the Schur complement. Later slopes are secants. Each
-equilibrium begins from the last one, moved along its change with u. F is the work of the internal
-force on v - y rather than on v, so that what is left of the residual counts to second order only.
+Where a step has its equilibrium, the conjugate force F is a function of the displacement u alone,
+which equilibrium for prescribed placements gives. F(u) is solved for u by Newton's method inside a
+bracket. The first slope is that of the tangent K at an equilibrium: with the change w of the
+prescribed placements with u and the free part of K, dF/du = (w - y).K w with K_free y = K w, the
+Schur complement; where w changes with u this is the greatest part of it. Later slopes are secants.
+Each equilibrium begins from the last one, moved along its change with u. F is the work of the
+internal force on w - y rather than on w, so that what is left of the residual counts to second
+order only.
 
 Where a force is prescribed, an equilibrium is stable if it is so at fixed u and dF/du is positive
 (Haynsworth's inertia theorem). A slope that is not positive lies beyond a limit point.
@@ -84,27 +85,19 @@ class ForceControl:
         beyond: Equilibrium beyond a limit point that the last step met, or None.
     """
 
-    def __init__(
-        self, solver: EquilibriumSolver, virtual: Array, refuses: Callable[[SolveResult], bool]
-    ) -> None:
+    def __init__(self, solver: EquilibriumSolver, refuses: Callable[[SolveResult], bool]) -> None:
         """Find the size of the sheet; collective.
 
         Args:
             solver: Solver of the problem.
-            virtual: Unit displacement of the driven edge: unknowns of this rank, with ghosts.
             refuses: Whether an equilibrium must not be accepted, since it is no minimum.
         """
-        self._solver, self._problem, self._virtual = solver, solver.problem, virtual
+        self._solver, self._problem = solver, solver.problem
         self._refuses = refuses
         low, high = bounding_box(self._problem.model.placements)
         self._farthest = FARTHEST * float(np.max(high - low))
-        self._test = virtual  # v - y
+        self._y: Array = np.zeros(self._problem.model.placements.owned)
         self.beyond: Unstable | None = None
-
-    def of(self, force: Array) -> float:
-        """Return the force (N) of the driven edge from forces at own unknowns; collective."""
-        mine = float(self._virtual[: len(force)] @ force)
-        return float(self._problem.model.comm.allreduce(mine))
 
     def solve(self, state: State, target: float, scale: float) -> SolveResult:
         """Solve for the stage state of a step with a force; collective.
@@ -119,14 +112,14 @@ class ForceControl:
         last: _Point | None = None
         failures, iterations, tangents = 0, 0, 0
         u, self.beyond = state.reached, None
-        self._test = self._virtual
+        self._y[:] = 0.0
         for _ in range(MOST):
             result = state.solve_for(u)
             iterations, tangents = iterations + result.iterations, tangents + result.tangents
             result = replace(result, iterations=iterations, tangents=tangents)
             point = None
             if result.converged and not self._refuses(result):
-                lack = target - self._reached()
+                lack = target - self._reached(u)
                 size = abs(lack)
                 if size <= TOLERANCE * scale:
                     return result
@@ -134,7 +127,7 @@ class ForceControl:
                     return result
                 point = self._point(u, lack, last, SECANT * scale)
                 if point and not last:
-                    point = replace(point, lack=target - self._reached())
+                    point = replace(point, lack=target - self._reached(u))
             if point:
                 last = point
                 low, high = (u, high) if lack > 0 else (low, u)
@@ -185,10 +178,10 @@ class ForceControl:
             solver.linear.definite = False
         else:
             solver.tangent()
-        moved = problem.stiffness_along(rate) - model.loading.rate(u)
-        own = len(moved)
-        self._test = self._virtual[:own] - self._solve(problem.stiffness_along(self._virtual))
-        slope = float(self._test @ moved)
+        stiffness = problem.stiffness_along(rate)
+        moved, own = stiffness - model.loading.rate(), len(stiffness)
+        self._y = self._solve(stiffness)
+        slope = float((rate[:own] - self._y) @ moved)
         return float(model.comm.allreduce(slope)), rate[:own] - self._solve(moved)
 
     def _solve(self, force: Array) -> Array:
@@ -200,10 +193,11 @@ class ForceControl:
         solver.linear.solve(b, x, ROUGH)
         return np.array(x.array_r)
 
-    def _reached(self) -> float:
-        """Return the force (N) of the driven edge in the equilibrium just found; collective."""
-        force = self._problem.force
-        return float(self._problem.model.comm.allreduce(float(self._test[: len(force)] @ force)))
+    def _reached(self, u: float) -> float:
+        """Return the conjugate force (N) in the equilibrium just found; collective."""
+        force, rate = self._problem.force, self._problem.constraints.rate(u)
+        mine = float((rate[: len(force)] - self._y) @ force)
+        return float(self._problem.model.comm.allreduce(mine))
 
     def _unstable(self, u: float, change: Array) -> Unstable:
         """Return the present state as one beyond a limit point; collective."""

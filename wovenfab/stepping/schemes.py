@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import hypot
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -130,12 +131,13 @@ class StepError:
 
     Attributes:
         power: Of the dissipated power at its end, W.
-        forces: Of the force (N; x, y) that each held edge exerts.
-        relative: The larger of both over the largest power and force so far.
+        force: Of the force that is conjugate to the program, N.
+        relative: The larger one of the errors of power and of the forces of edges over the largest
+            power and force so far.
     """
 
     power: float
-    forces: Mapping[str, tuple[float, float]]
+    force: float
     relative: float
 
 
@@ -182,7 +184,9 @@ class TimeErrorEstimator:
         """
         return min(1.0, self._tolerance if jump else self._tolerance**0.5)
 
-    def measure(self, states: Sequence[Array], steps: Sequence[float]) -> StepError | None:
+    def measure(
+        self, states: Sequence[Array], steps: Sequence[float], virtual: Array
+    ) -> StepError | None:
         """Return the error of the step that has just been solved; collective.
 
         None where the velocity jumped too short a time ago.
@@ -191,6 +195,7 @@ class TimeErrorEstimator:
             states: Earlier states, latest first, m.
             steps: Lengths of the step and of those between these states since the velocity last
                 jumped, latest first, s.
+            virtual: Displacements (1) on which the work of reactions is the recorded force.
         """
         used = self._scheme.order + 1
         if len(steps) < used:
@@ -198,22 +203,21 @@ class TimeErrorEstimator:
         lack = rate_error(self._problem.model.field.x.array, states, steps[:used])
         weights = self._scheme.weights(steps)
         problem, earlier = self._problem, self._problem.model.history[0]
-        reactions, power = problem.reactions(), self._dissipated()
+        constraints, now, power = problem.constraints, problem.force, self._dissipated()
         with preserved(earlier):
             earlier.x.array[:] += lack / weights[1]
             off_power = power - self._dissipated()
-            better = problem.constraints.reactions(problem.evaluate_force())
-        forces = {
-            name: (x - better[name][0], y - better[name][1]) for name, (x, y) in reactions.items()
-        }
+            off_force = now - problem.evaluate_force()
+        off_edges = _largest(constraints.reactions(off_force))
         self._power = max(self._power, abs(power))
-        self._force = max(self._force, _largest(reactions))
+        self._force = max(self._force, _largest(constraints.reactions(now)))
         shares = [
             size / scale
-            for size, scale in ((abs(off_power), self._power), (_largest(forces), self._force))
+            for size, scale in ((abs(off_power), self._power), (off_edges, self._force))
             if scale
         ]
-        return StepError(off_power, forces, max(shares, default=0.0))
+        along, _ = constraints.conjugate(off_force, virtual)
+        return StepError(off_power, along, max(shares, default=0.0))
 
     def refuses(self, error: StepError) -> bool:
         """Return whether the step must be made again."""
@@ -237,4 +241,4 @@ class TimeErrorEstimator:
 
 
 def _largest(forces: Mapping[str, tuple[float, float]]) -> float:
-    return max((max(abs(x), abs(y)) for x, y in forces.values()), default=0.0)
+    return max((hypot(x, y) for x, y in forces.values()), default=0.0)

@@ -1,9 +1,10 @@
 """Derivatives of a run by material parameters: the tangent-linear equations of each step.
 
 After each step the linear equations of ``forms.balance`` are solved with the tangent at its
-solution, one right-hand side for each parameter. The force of an edge is the work of the internal
-force on a unit displacement w of that edge: its derivative is w.(K du + b) with the tangent K
-and the right-hand side b before boundary conditions, and K w is formed once for all parameters.
+solution, one right-hand side for each parameter. The force that is conjugate to the program is the
+work of the internal force on w, the derivative of prescribed displacements by the program: its
+derivative is w.(K du + b) with the tangent K and the right-hand side b before boundary conditions,
+and K w is formed once for all parameters.
 
 Internal variables have derivatives of their own, which their updates carry on.
 
@@ -45,7 +46,7 @@ class Derivatives:
     """Derivatives of an accepted state by each parameter, in SI units; shape (parameters,).
 
     Attributes:
-        force: Of the force of the chosen edge in the chosen direction (N by the parameter's unit).
+        force: Of the force that is conjugate to the program (N by the parameter's unit).
         dissipated: Of all energy dissipated since the start (J by the unit).
     """
 
@@ -66,7 +67,6 @@ class TangentLinear:
         solver: EquilibriumSolver,
         scheme: Scheme,
         targets: Sequence[Target],
-        virtual: Array,
         dissipation: bool = True,
     ) -> None:
         """Compile the forms; collective.
@@ -75,8 +75,6 @@ class TangentLinear:
             solver: Solver of the problem.
             scheme: The time scheme.
             targets: The parameters.
-            virtual: Unit displacement of the edge whose force is differentiated: unknowns of this
-                rank, with ghosts.
             dissipation: Differentiate the dissipated energy, too.
 
         Raises:
@@ -86,7 +84,8 @@ class TangentLinear:
         require_targets(problem.model, targets)
         self.targets = tuple(targets)
         self._solver, self._problem, self._stage = solver, problem, scheme.stage
-        self._virtual, self._dissipation = virtual, dissipation
+        self._dissipation = dissipation
+        self._virtual: Array = np.zeros(0)  # w at the end of the step
         self._compiled: dict[int, tuple[Model, dict[str, Sum], PointSensitivity | None]] = {}
         self._directions = Directions(problem.model, targets)
         self._forms()
@@ -100,15 +99,17 @@ class TangentLinear:
         self.derivatives = Derivatives(zero, zero)
         self._b, self._x = (problem.residual.duplicate() for _ in range(2))
 
-    def begin(self, at_rest: bool) -> None:
+    def begin(self, at_rest: bool, virtual: Array) -> None:
         """Differentiate the state that the program starts from; collective.
 
         Args:
             at_rest: Whether it is the state of reference, which depends on no parameter.
+            virtual: w there: unknowns of this rank, with ghosts.
         """
         zero = np.zeros(len(self.targets))
         if at_rest:
             return
+        self._virtual = virtual
         friction = self._problem.model.friction
         with preserved(friction):
             friction.value = 0.0
@@ -116,13 +117,15 @@ class TangentLinear:
         self._states = [self._now.copy() for _ in self._states]
         self.derivatives = Derivatives(force, zero)
 
-    def solve(self, step: float, jump: bool) -> None:
+    def solve(self, step: float, jump: bool, virtual: Array) -> None:
         """Differentiate the stage state of a step at its solution; collective.
 
         Args:
             step: Length of the step, s.
             jump: The velocity jumps at its start.
+            virtual: w at its end: unknowns of this rank, with ghosts.
         """
+        self._virtual = virtual
         force = self._solve()
         dissipated = self.derivatives.dissipated
         if self._dissipation:

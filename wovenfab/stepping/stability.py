@@ -74,6 +74,7 @@ class StabilityLoss:
         time, displacement: Of the minimum, s and m.
         step, increment: From there to the saddle, s and m.
         reactions: Force (N; x, y) at each held edge at the minimum.
+        force: Force that is conjugate to the program there, N.
         negatives: Number of negative eigenvalues of the tangent at the saddle.
         saddle: Displacement of all unknowns there, m.
         mode: Direction in which the energy falls most; its largest component is 1 m.
@@ -85,6 +86,7 @@ class StabilityLoss:
     step: float
     increment: float
     reactions: dict[str, tuple[float, float]]
+    force: float
     negatives: int
     saddle: NDArray[np.float64]
     mode: NDArray[np.float64]
@@ -152,7 +154,7 @@ class Stability:
 
     def leave(
         self, now: tuple[float, float], until: tuple[float, float], force: NDArray[np.float64],
-        result: SolveResult, second: float = 0.0,
+        conjugate: float, result: SolveResult, second: float = 0.0,
     ) -> SolveResult:  # fmt: skip
         """Note the loss and go from the saddle to a minimum, if that is wanted.
 
@@ -160,6 +162,7 @@ class Stability:
             now: Time (s) and displacement (m) of the last minimum.
             until: The same of the saddle.
             force: Internal force of the last minimum at own unknowns, N.
+            conjugate: Force that is conjugate to the program there, N.
             result: That of the saddle.
             second: Displacement of the second program at the last minimum, m.
         """
@@ -169,6 +172,7 @@ class Stability:
                 step=until[0] - now[0],
                 increment=until[1] - now[1],
                 reactions=self._problem.constraints.reactions(force),
+                force=conjugate,
                 negatives=result.negatives,
                 saddle=self._problem.model.field.x.array.copy(),
                 mode=softest_mode(self._solver),

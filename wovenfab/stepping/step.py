@@ -34,7 +34,8 @@ class Step:
         milestone: The planned time that it reaches, or None on the way to it.
         negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
         tangents: Number of its iterations that formed a tangent.
-        force, force_transverse: Force of the driven edge along its motion and across it, N.
+        force, force_transverse: Force that is conjugate to the program, and that across it, N
+            (:meth:`~wovenfab.model.constraints.Constraints.conjugate`).
         force_error: Estimated error of ``force`` by the time step, N.
         loss: The loss of stability since the last step, beyond which it lies, or None.
         error: Its estimated error in time, where that is measured.

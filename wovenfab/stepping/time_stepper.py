@@ -114,15 +114,11 @@ class TimeStepper:
         self._problem.constraints.origin[:] = state
         self._state.states = [state.copy() for _ in self._state.states]
 
-    def differentiate(
-        self, targets: Sequence[Target], edge: str, direction: tuple[float, float], **more: bool
-    ) -> None:
+    def differentiate(self, targets: Sequence[Target], **more: bool) -> None:
         """Give each step its derivatives by parameters, from the start on; collective.
 
         Args:
             targets: The parameters.
-            edge: Edge whose force is differentiated.
-            direction: Direction of that force, a unit vector.
             more: Of :class:`~wovenfab.stepping.sensitivity.TangentLinear`.
 
         Raises:
@@ -130,20 +126,13 @@ class TimeStepper:
         """
         from wovenfab.stepping.sensitivity import TangentLinear
 
-        virtual = self._problem.constraints.virtual_displacement(edge, direction)
-        self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, virtual, **more)
+        self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, **more)
 
-    def control_force(self, edge: str, direction: tuple[float, float]) -> None:
-        """Find the displacement from the force of an edge where the program is a force; collective.
-
-        Args:
-            edge: The driven edge.
-            direction: Direction of its force, a unit vector.
-        """
+    def control_force(self) -> None:
+        """Find the displacement from the force where the program is a force; collective."""
         from wovenfab.stepping.force_control import ForceControl
 
-        virtual = self._problem.constraints.virtual_displacement(edge, direction)
-        self._state.force_control = ForceControl(self._solver, virtual, self._stability.refuses)
+        self._state.force_control = ForceControl(self._solver, self._stability.refuses)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step.
@@ -201,7 +190,8 @@ class TimeStepper:
             self._balance.begin()
         self._note_change()
         if self._tangent_linear:
-            self._tangent_linear.begin(result is None)
+            virtual = self._virtual_displacement(self._state.displacement)
+            self._tangent_linear.begin(result is None, virtual)
         step, self.begun, self._cutbacks = self._record(result, first), True, 0
         return step
 
@@ -233,7 +223,8 @@ class TimeStepper:
                     state.restore()
                     continue
                 if self._tangent_linear:
-                    self._tangent_linear.solve(length, jump)
+                    virtual = self._virtual_displacement(state.reached)
+                    self._tangent_linear.solve(length, jump, virtual)
                 self._balance.add(state, until, jump, error)
                 if self._tangent_linear:
                     self._tangent_linear.finish()
@@ -281,7 +272,9 @@ class TimeStepper:
         state = self._state
         if self._time_error is None or jump:
             return None
-        return self._time_error.measure(state.states, [until - state.time, *state.steps])
+        steps = [until - state.time, *state.steps]
+        virtual = self._virtual_displacement(state.reached)
+        return self._time_error.measure(state.states, steps, virtual)
 
     def _is_too_long(self, error: StepError | None, length: float, planned: float) -> bool:
         """Set the length of the next step, and return whether this one must be repeated."""
@@ -311,7 +304,8 @@ class TimeStepper:
         state, control = self._state, self._state.force_control
         if control is not None and state.time in self._program.changes:
             force = self._program.changes[state.time]
-            state.before = control.of(self._balance.forces.force) if force else state.displacement
+            conjugate, _ = self._conjugate_force()
+            state.before = conjugate if force else state.displacement
 
     def _check_limit_point(self, until: float) -> None:
         """Refuse a force beyond a limit point."""
@@ -322,7 +316,7 @@ class TimeStepper:
         loss = StabilityLoss(
             state.time, state.displacement, until - state.time,
             beyond.displacement - state.displacement, reactions(self._balance.forces.force),
-            negatives=1, saddle=beyond.field, mode=beyond.mode,
+            self._conjugate_force()[0], negatives=1, saddle=beyond.field, mode=beyond.mode,
             second=self._program.second(state.time),
         )  # fmt: skip
         remedy = "it carries no larger force (limit point); prescribe the displacement beyond"
@@ -338,7 +332,19 @@ class TimeStepper:
         ):
             return result
         now, then = (state.time, state.displacement), (until, state.reached)
-        return self._stability.leave(now, then, force, result, self._program.second(state.time))
+        conjugate, _ = self._conjugate_force()
+        second = self._program.second(state.time)
+        return self._stability.leave(now, then, force, conjugate, result, second)
+
+    def _conjugate_force(self) -> tuple[float, float]:
+        """Return the force (N) conjugate to the program, and that across it, of the last state."""
+        virtual = self._virtual_displacement(self._state.displacement)
+        return self._problem.constraints.conjugate(self._balance.forces.force, virtual)
+
+    def _virtual_displacement(self, program: float) -> Array:
+        """Return the displacements (1) on which the work of reactions is the recorded force."""
+        load = self._problem.model.loading.force()
+        return self._problem.constraints.virtual_displacement(program, load)
 
     def _record(
         self,
@@ -347,12 +353,16 @@ class TimeStepper:
         loss: StabilityLoss | None = None,
     ) -> Step:
         balance = self._balance
+        along, across = self._conjugate_force()
         return Step(
             number=self._state.number,
             time=self._state.time,
             displacement=self._state.displacement,
             second=self._state.second,
             reactions=self._problem.constraints.reactions(balance.forces.force),
+            force=along,
+            force_transverse=across,
+            force_error=balance.error.force if balance.error else 0.0,
             stored=self._problem.model.stored_energy() if self.measures_energy else {},
             dissipated=dict(balance.dissipated),
             work=balance.work,
