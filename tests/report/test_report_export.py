@@ -8,10 +8,10 @@ import pyvista as pv
 
 from wovenfab.case import CaseError
 from wovenfab.cli.report import export_results
+from wovenfab.measured.cloud import read_cloud
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.report.export import chosen_times, compare
 from wovenfab.report.run_data import open_run_data
-from wovenfab.study.fit.measured import read_cloud
 
 
 def table(path: Path) -> np.ndarray:
@@ -122,7 +122,7 @@ def test_what_cannot_be_exported_ends_with_a_message(
     path = cloud(tmp_path / "dic.csv", np.array([[1.0, 1.0]]), np.zeros((1, 2)))
     for options, message in (
         ({"at": "1 m"}, "not among what was stored"),
-        ({"cloud": path}, "no point of the cloud is on the sheet"),
+        ({"cloud": path}, "no point of the cloud lie"),
         ({"cloud": path, "every": 2}, "a cloud is of one time"),
     ):
         assert export_results(two, tmp_path / "out", **options) == 2
