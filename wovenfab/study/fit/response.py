@@ -207,14 +207,14 @@ def compared(
     Raises:
         BranchError: The curves do not belong to each other.
     """
+    if not np.ptp(curve.displacement):
+        raise BranchError("the program has not moved yet: there is nothing to compare")
     branches = measured.branches()
     if len(branches) != len(curve.turns) - 1:
         raise BranchError(
             f"{measured.file.name} has {len(branches)} branches of loading and unloading, the "
             f"program has {len(curve.turns) - 1}; let the program reverse as often"
         )
-    if not np.ptp(curve.displacement):
-        raise BranchError("the program has not moved yet: there is nothing to compare")
     _check_signs(measured, curve)
     machine, fixed = (
         [given.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")]
