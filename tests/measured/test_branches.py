@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +16,7 @@ Array = NDArray[np.float64]
 
 def zigzag(turns: list[float], rows: int) -> Array:
     """Return straight ways from turn to turn with so many rows each."""
-    ways = [np.linspace(a, b, rows)[1:] for a, b in zip(turns, turns[1:], strict=False)]
+    ways = [np.linspace(a, b, rows)[1:] for a, b in pairwise(turns)]
     return np.concatenate([[turns[0]], *ways])
 
 

@@ -31,41 +31,41 @@ def _pattern(decimal: str) -> re.Pattern[str]:
 
 _PATTERNS = {decimal: _pattern(decimal) for decimal in NAMES}
 _WHOLE = re.compile(r"[-+]?[0-9]+")
+#: Most numbers: with one sign at most, whatever it means.
+_SIMPLE = re.compile(r"[-+]?(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eEdD][-+]?[0-9]+)?")
 
 
 def plain(cell: str) -> str:
     """Return a cell without blanks and quotes around it, with one kind of blank and apostrophe."""
-    return cell.translate(_SAME).strip().strip("\"'").strip()
+    text = cell if cell.isascii() else cell.translate(_SAME)
+    return text.strip(" \t\f\v\"'")
 
 
 def is_number(cell: str) -> bool:
-    """Return whether a cell is a number with one of the decimal signs."""
-    text = plain(cell)
-    return any(pattern.fullmatch(text) for pattern in _PATTERNS.values())
+    """Return whether a cell, which is plain, is a number with one of the decimal signs."""
+    return bool(_SIMPLE.fullmatch(cell)) or any(p.fullmatch(cell) for p in _PATTERNS.values())
 
 
 def number(cell: str, decimal: str) -> float:
-    """Return the number in a cell with a decimal sign; nan where there is no finite one."""
-    text = plain(cell)
-    match = _PATTERNS[decimal].fullmatch(text)
+    """Return the number in a plain cell with a decimal sign; nan where there is no finite one."""
+    match = _PATTERNS[decimal].fullmatch(cell)
     if match is None:
         return nan
-    if by := match["by"]:
-        text = text.replace(by, "")
+    text = cell.replace(by, "") if (by := match["by"]) else cell
     value = float(text.replace(decimal, ".").replace("d", "e").replace("D", "e"))
     return value if isfinite(value) else nan
 
 
 def thousands(cells: Iterable[str], decimal: str) -> str:
     """Return the sign that separates thousands in some cells; empty if none does."""
-    pattern = _PATTERNS[decimal]
-    matches = (pattern.fullmatch(plain(cell)) for cell in cells)
+    signs = {" ", "'", COMMA if decimal == POINT else POINT}
+    matches = (_PATTERNS[decimal].fullmatch(c) for c in cells if not signs.isdisjoint(c))
     return next((match["by"] for match in matches if match and match["by"]), "")
 
 
 def decimals(cell: str, decimal: str) -> int:
     """Return how many digits a cell has after the decimal sign."""
-    return len(plain(cell).partition(decimal)[2])
+    return len(cell.partition(decimal)[2])
 
 
 @dataclass(frozen=True)
@@ -102,10 +102,10 @@ def evidence(columns: Sequence[Sequence[str]]) -> Evidence:
     needed: dict[str, tuple[int, str]] = {}
     either: tuple[int, str] | None = None
     for cells in columns:
-        for sign, place in _needed_by(cells).items():
+        found, unsure = _needed_by(cells)
+        for sign, place in found.items():
             needed.setdefault(sign, place)
-        if either is None:
-            either = next(((i, c) for i, c in enumerate(cells) if _either(plain(c))), None)
+        either = either or unsure
     if len(needed) == 1:
         return Evidence(next(iter(needed)), needed, either)
     if needed or either is not None:
@@ -113,24 +113,30 @@ def evidence(columns: Sequence[Sequence[str]]) -> Evidence:
     return Evidence(POINT, needed, either)
 
 
-def _needed_by(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
-    """Return the signs without which a column cannot be read, each with a row and its cell."""
+def _needed_by(
+    cells: Sequence[str],
+) -> tuple[dict[str, tuple[int, str]], tuple[int, str] | None]:
+    """Return the signs without which a column cannot be read, and a cell that both read.
+
+    Each with its row.
+    """
     needed: dict[str, tuple[int, str]] = {}
     unsure: dict[str, list[tuple[int, str]]] = {}
-    bare = False
-    long = False
-    for i, cell in enumerate(cells):
-        text = plain(cell)
+    bare = long = False
+    for i, text in enumerate(cells):
         if _WHOLE.fullmatch(text):
             digits = text.lstrip("+-")
-            bare |= digits.strip("0") != ""
-            long |= len(digits) > 3
+            bare = bare or digits.strip("0") != ""
+            long = long or len(digits) > 3
         elif sign := _either(text):
             unsure.setdefault(sign, []).append((i, text))
+        elif _SIMPLE.fullmatch(text):
+            needed.setdefault(POINT if POINT in text else COMMA if COMMA in text else "", (i, text))
         else:
             fitting = [s for s, pattern in _PATTERNS.items() if pattern.fullmatch(text)]
             if len(fitting) == 1:
                 needed.setdefault(fitting[0], (i, text))
+    needed.pop("", None)  # whole numbers with an exponent
     for sign, places in unsure.items():
         other = COMMA if sign == POINT else POINT
         zero = next((place for place in places if place[1].endswith("0")), None)
@@ -138,12 +144,13 @@ def _needed_by(cells: Sequence[str]) -> dict[str, tuple[int, str]]:
             needed.setdefault(other, zero)
         if long:
             needed.setdefault(sign, places[0])
-    return needed
+    first = min((places[0] for places in unsure.values()), default=None)
+    return needed, first
 
 
 def _either(text: str) -> str:
     """Return the sign in a number that is a decimal sign or separates thousands; else nothing."""
-    for sign in NAMES:
-        if text.count(sign) == 1 and all(p.fullmatch(text) for p in _PATTERNS.values()):
-            return sign
+    sign = text[-4:-3]
+    if sign and sign in ".," and all(p.fullmatch(text) for p in _PATTERNS.values()):
+        return sign
     return ""

@@ -178,8 +178,7 @@ def read_table(path: Path, layout: Layout) -> Table:
 
 def is_missing(cell: str) -> bool:
     """Return whether a cell is empty or says that its number is missing (NaN, #VALUE!, ---)."""
-    text = plain(cell)
-    return not text or _MISSING.fullmatch(text) is not None
+    return not cell or _MISSING.fullmatch(cell) is not None
 
 
 def short(text: str) -> str:
@@ -200,7 +199,7 @@ def _separator(text: Text) -> str:
                 continue
             found = [cell for cell in _cells(line, separator) if is_number(cell)]
             if len(found) > 1:
-                count += sum(len(plain(cell).replace(" ", "")) for cell in found)
+                count += sum(len(cell.replace(" ", "")) for cell in found)
         return count
 
     return max(SEPARATORS, key=covered)
@@ -217,7 +216,7 @@ def _cells(line: str, separator: str) -> Iterator[str]:
             parts = line.split(separator)
     else:
         parts = line.split(separator)
-    return (part.strip() for part in parts)
+    return map(plain, parts)
 
 
 def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
@@ -336,8 +335,8 @@ def _titles(
             "Save the table with semicolons or tabs between the columns.",
             block.rows[0].line,
         )
-    widths = {len(r.cells) for r in block.rows[:-1] if all(map(is_number, r.cells))}
-    if separator == BLANKS and len(widths) > 1:
+    full = (r for r in block.rows[:-1] if separator == BLANKS and all(map(is_number, r.cells)))
+    if len(widths := {len(r.cells) for r in full}) > 1:
         low, high = min(widths), max(widths)
         raise refusal(
             str(path),
