@@ -82,6 +82,7 @@ READ: dict[str, tuple[str, dict[str, Any], int]] = {
         HEAD + rows(form="{:.4f};-{:.4f}"), {"units": {"force": "-1 N"}}, 0,
     ),
     "grams": ("Weg [mm];Kraft [g]\n" + rows(), {"units": {"force": "N"}}, 0),
+    "means below an empty line": (HEAD + rows() + "\n23,0;9,0\n", {}, 0),
     "blanks and units in brackets": (
         "Weg [mm]  Kraft [N]\n" + rows(form="  {:.4f}   {:.4f}", comma=False), {}, 0,
     ),
@@ -113,7 +114,6 @@ def test_the_table_is_read_whatever_else_is_in_the_file(name: str, tmp_path: Pat
 @pytest.mark.parametrize(
     ("small", "large", "decimal"),
     [
-        ("360", "1.580", ","),  # whole numbers beside it, and a trailing zero
         ("0,350", "1.580,5", ","),
         ("0.350", "1,580.5", "."),
         ("12,42", "1.580", ","),
@@ -130,6 +130,13 @@ def test_thousands_are_thousands(small: str, large: str, decimal: str, tmp_path:
     largest = float(plain[1].replace(other, "").replace(decimal, "."))
     np.testing.assert_allclose(force, [float(plain[0])] * 3 + [largest] * 2)
     assert largest >= 1580
+
+
+def test_whole_numbers_grow_into_thousands(tmp_path: Path) -> None:
+    text = HEAD + "350;360\n1.580;669\n2.718;884\n3.970;1.063\n5.176;1.090\n"
+    curve = read_measured(written(text, tmp_path))
+    np.testing.assert_allclose(curve.displacement, [0.35, 1.58, 2.718, 3.97, 5.176])
+    np.testing.assert_allclose(curve.force, [360, 669, 884, 1063, 1090])
 
 
 AMBIGUOUS = HEAD + "1;1.360\n2;1.669\n3;1.884\n"
@@ -181,6 +188,12 @@ REFUSED: dict[str, tuple[str, dict[str, Any], tuple[str, ...]]] = {
     ),
     "rows without numbers": (HEAD + rows(), {"rows": (90, 99)}, ("lines 90 to 99",)),
     "no unit beside a number": (HEAD + rows(), {"units": {"force": "2"}}, ("without a unit",)),
+    "two units": (
+        "Weg [mm];Kraft [N]\nmm;kN\n" + rows(), {}, ("several units of the force", "'kN'"),
+    ),
+    "a step too large for thousands": (
+        HEAD + "1;1\n2;1.250\n3;1.500\n4;2\n", {}, (":3:", "1250 with a decimal comma"),
+    ),
     "zero": (HEAD + rows(), {"units": {"force": "0 N"}}, ("not be zero",)),
 }  # fmt: skip
 

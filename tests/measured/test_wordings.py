@@ -14,7 +14,7 @@ from wovenfab.case import CaseError
 from wovenfab.measured.curve import read_measured
 
 Array = NDArray[np.float64]
-SEEDS = 400
+SEEDS = 240
 #: Names of displacement, force and time, by language and machine.
 NAMES = (
     ("Extension", "Load", "Time"),

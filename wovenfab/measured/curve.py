@@ -305,6 +305,11 @@ def _column(
     if unit is not None:
         return Column(at + 1, titles[at], unit, _factor(quantity, unit, path))
     written = _unit(table, at, quantity)
+    same = [u for u in units_in(titles[at], table.units[at]) if u.si == SI[quantity]]
+    if len({u.factor for u in same}) > 1:
+        texts = " and ".join(dict.fromkeys(repr(u.text) for u in same))
+        remedy = f"Say which: {said('units', quantity, same[0].text)}."
+        raise refusal(path, f"the header has several units of the {quantity}, {texts}", remedy)
     if written is not None and written.si == SI[quantity]:
         return Column(at + 1, titles[at], written.text, written.factor)
     if quantity == "time":

@@ -9,11 +9,14 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import isfinite, nan
 
 POINT, COMMA = ".", ","
 #: The names of the decimal signs.
 NAMES = {POINT: "point", COMMA: "comma"}
+#: How much larger the steps between rows must be, over the range, in the reading that is wrong.
+CLEAR = 2.0
 _SAME = str.maketrans(
     {"\u2019": "'", "\u00a0": " ", "\u202f": " ", "\u2009": " ", "\u2007": " ", "\u2212": "-"}
 )
@@ -94,7 +97,8 @@ def evidence(columns: Sequence[Sequence[str]]) -> Evidence:
 
     Where no number settles it, such as ``0.36`` and ``12,5`` do, each column must be one that is
     written by one rule: numbers with a trailing zero (``1.580``) beside whole ones (``350``) are
-    no decimals, and whole numbers of four digits are not beside thousands.
+    no decimals, and whole numbers of four digits are not beside thousands. That reading must also
+    be the smoother one.
 
     Args:
         columns: Cells of each column, from the same rows.
@@ -140,12 +144,21 @@ def _needed_by(
     for sign, places in unsure.items():
         other = COMMA if sign == POINT else POINT
         zero = next((place for place in places if place[1].endswith("0")), None)
-        if bare and zero:
+        smoother = _roughness(cells, sign) / (_roughness(cells, other) or 1.0)
+        if bare and zero and smoother > CLEAR:
             needed.setdefault(other, zero)
-        if long:
+        if long and smoother < 1 / CLEAR:
             needed.setdefault(sign, places[0])
     first = min((places[0] for places in unsure.values()), default=None)
     return needed, first
+
+
+def _roughness(cells: Sequence[str], decimal: str) -> float:
+    """Return the largest step between rows over the range of the numbers, with a decimal sign."""
+    values = [value for cell in cells if isfinite(value := number(cell, decimal))]
+    extent = max(values, default=0.0) - min(values, default=0.0)
+    steps = (abs(b - a) for a, b in pairwise(values))
+    return max(steps, default=0.0) / extent if extent else 0.0
 
 
 def _either(text: str) -> str:

@@ -123,6 +123,7 @@ class _Block:
     head: list[Row]  # lines above, up to the block before
     rows: list[Row]
     count: int  # rows with two numbers at least
+    gap: int = 0  # number of rows above the last empty line
 
     @property
     def titled(self) -> bool:
@@ -141,20 +142,19 @@ def read_table(path: Path, layout: Layout) -> Table:
     """
     text = read_text(path)
     separator = _separator(text)
-    rows = [
-        Row(n, tuple(_cells(line, separator)))
-        for n, line in enumerate(text.lines, start=1)
-        if line.strip()
-    ]
+    rows = [Row(n, tuple(_cells(line, separator))) for n, line in enumerate(text.lines, start=1)]
     blocks, footer = _blocks(rows)
     if layout.rows:
         first, last = layout.rows
         blocks = [b for b in (_within(b, first, last) for b in blocks) if b.count]
     if not blocks:
         where = f" in lines {layout.rows[0]} to {layout.rows[1]}" if layout.rows else ""
-        remedy = "Export the table as text." if not where else "Name the lines with numbers."
+        remedy = "Export the table as text, with plain numbers and the units in the header."
+        remedy = "Name the lines with numbers." if where else remedy
         raise refusal(str(path), f"there is no row with two numbers{where}", remedy)
     block, notes = _chosen(blocks, path, layout)
+    if not layout.rows:
+        notes += _without_summary(block)
     width = max(len(row.cells) for row in block.rows)
     title = _title_row(block, separator)
     decimal = layout.decimal or _decimal(block, separator, text, path, width)
@@ -165,7 +165,8 @@ def read_table(path: Path, layout: Layout) -> Table:
     # Units stand below the names, sometimes above them or below the table.
     below = [row for row in block.head if title is None or row.line > title.line]
     above = [row for row in block.head if title is not None and row.line < title.line]
-    lines = [row for row in (*below, *above[::-1], *footer) if _units_alone(row)]
+    beside = [row for row in (*above[::-1], *footer) if len(row.cells) - row.cells.count("") > 1]
+    lines = [row for row in (*below, *beside) if _units_alone(row)]
     units = tuple(
         tuple(row.cell(at) for row in lines if row.cell(at).strip()) for at in range(width)
     )
@@ -223,18 +224,22 @@ def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
     """Return the blocks of rows with numbers, and the lines below the last one."""
     blocks: list[_Block] = []
     text: list[Row] = []
-    open_block = False
+    open_block = empty = False
     for row in rows:
         filled = [cell for cell in row.cells if cell]
         found = sum(map(is_number, filled))
         if not filled:
+            empty = True
             continue
         if found > 1:
             if not open_block:
                 blocks.append(_Block(text, [], 0))
                 text, open_block = [], True
+            elif empty:
+                blocks[-1].gap = len(blocks[-1].rows)
             blocks[-1].rows.append(row)
             blocks[-1].count += 1
+            empty = False
         elif open_block and (
             all(is_missing(cell) or is_number(cell) for cell in filled)
             or (found and not _is_word(filled[0]))
@@ -291,6 +296,17 @@ def _chosen(blocks: list[_Block], path: Path, layout: Layout) -> tuple[_Block, l
             )
         notes.append(f"Another table ({other}) is not read.")
     return block, notes
+
+
+def _without_summary(block: _Block) -> list[str]:
+    """Take away one or two rows below an empty line, such as means, and say so."""
+    if not block.gap or not 0 < len(block.rows) - block.gap < SECOND < block.gap:
+        return []
+    first, last = block.rows[block.gap].line, block.rows[-1].line
+    del block.rows[block.gap :]
+    lines = f"Line {first}" if first == last else f"Lines {first} and {last}"
+    verb = "is" if first == last else "are"
+    return [f"{lines} below an empty line {verb} not read; 'rows' or --rows would include them."]
 
 
 def _title_row(block: _Block, separator: str) -> Row | None:
@@ -398,6 +414,6 @@ def _without_cut_number(
     at = len(last.cells) - 1
     counts = {decimals(row.cell(at), decimal) for row in rows[:-1] if is_number(row.cell(at))}
     if len(counts) == 1 and decimals(last.cell(at), decimal) < counts.pop():
-        note = f"Line {last.line} is not read: the file ends within its last number."
+        note = f"Line {last.line} is not read: the file ends within it."
         return rows[:-1], [note]
     return rows, []
