@@ -359,7 +359,8 @@ def _headlines(found: Found) -> list[str]:
         cells = "What cells and steps change is not known: files give both."
     lines = [
         f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
-        f"square), after {len(found.trials) - len(fine)} coarse trials and {len(fine)} fine ones, "
+        f"square), after {counted(len(found.trials) - len(fine), 'coarse trial')} and "
+        f"{counted(len(fine), 'fine one')}, "
         f"in {duration(spent)}, the time of {spent / fine[-1].seconds:.1f} runs like the last one.",
         cells,
     ]

@@ -251,14 +251,13 @@ def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
 def plain_ticks(axis: Axis) -> None:
     """Label a logarithmic axis with plain numbers, as many as can be read.
 
-    These are powers of ten, twice and five times these if few, and numbers in equal steps where the
-    axis is too short for two of those.
+    These are powers of ten, with twice and five times these if few, and a few numbers in equal
+    steps on an axis of less than a power of ten.
     """
     low, high = sorted(axis.get_view_interval())
     few = high < FEW_POWERS * low
     powers = LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,))
-    inside = [t for t in powers.tick_values(low, high) if low <= t <= high]
-    axis.set_major_locator(powers if len(inside) > 1 else MaxNLocator(4))
+    axis.set_major_locator(MaxNLocator(3, steps=(1, 2, 5, 10)) if high < 10 * low else powers)
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 
