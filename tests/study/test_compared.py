@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from tests.study.test_fit import place
 from wovenfab.measured.curve import Measured
+from wovenfab.study.fit.fit_file import read_fit
+from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import BranchError, Curve, compared, curve_of_history
+from wovenfab.study.fit.search import search_with_slack
 
 Array = NDArray[np.float64]
 #: A loop with a jump of friction at the reversal: few steps, and a kink in each branch.
@@ -82,3 +87,35 @@ def test_displacements_from_another_zero_are_told_with_both_ranges() -> None:
 def test_a_run_that_has_not_moved_is_told() -> None:
     with pytest.raises(BranchError, match="not moved"):
         compared(measured(*along(5)), curve_of_history(np.zeros(1), np.zeros(1)))
+
+
+def test_the_search_goes_on_with_the_rows_that_slack_makes_comparable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    slack, stiffness = 0.8e-3, 83.0
+    u = np.linspace(0, 0.06, 31)
+
+    def curves(
+        objective: Objective, values: Mapping[str, float], scale: float
+    ) -> Sequence[Curve]:  # of a spring that hardens, in place of a run
+        force = values["shear.stiffness"] * (u + 40 * u**2)
+        slopes = (force / values["shear.stiffness"])[:, None]
+        return [Curve(u, force, slopes, (0, 30), 1e-3)]
+
+    monkeypatch.setattr(Objective, "_curves", curves)
+    x = np.linspace(0, 0.062, 311)
+    free = np.maximum(x - slack, 0.0)
+    rows = zip(1e3 * x, stiffness * (free + 40 * free**2), strict=True)
+    text = "u_mm,F_N\n" + "".join(f"{a:.6f},{b:.9f}\n" for a, b in rows)
+    parameters = "  shear.stiffness:\n  machine.displacement: {bounds: [-2 mm, 2 mm]}\n"
+    head = "refine: false\ntests:\n  - {case: case.yaml, measured: curve.csv, error: 0.2 %}\n"
+    fit = read_fit(place(tmp_path, f"{head}parameters:\n{parameters}", curve=text))
+    with Objective(fit, tmp_path / "runs") as objective:
+        found = search_with_slack(objective, fit)
+    (comparison,) = found.evaluation.comparisons
+    assert found.values["machine.displacement"] == pytest.approx(slack, rel=1e-3)
+    assert found.values["shear.stiffness"] == pytest.approx(stiffness, rel=1e-3)
+    compared_x = x[comparison.rows]
+    assert compared_x[0] == pytest.approx(slack, abs=3e-4)
+    assert compared_x[-1] == pytest.approx(0.06 + slack, abs=3e-4)
+    assert len({(t.scale, *t.values.values()) for t in found.trials}) == len(found.trials)
