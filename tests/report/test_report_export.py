@@ -8,10 +8,11 @@ import pyvista as pv
 
 from wovenfab.case import CaseError
 from wovenfab.cli.report import export_results
+from wovenfab.measured.cloud import read_cloud
+from wovenfab.measured.layout import Layout
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.report.export import chosen_times, compare
 from wovenfab.report.run_data import open_run_data
-from wovenfab.study.fit.measured import read_cloud
 
 
 def table(path: Path) -> np.ndarray:
@@ -122,9 +123,40 @@ def test_what_cannot_be_exported_ends_with_a_message(
     path = cloud(tmp_path / "dic.csv", np.array([[1.0, 1.0]]), np.zeros((1, 2)))
     for options, message in (
         ({"at": "1 m"}, "not among what was stored"),
-        ({"cloud": path}, "no point of the cloud is on the sheet"),
+        ({"cloud": path}, "no point of the cloud lie"),
         ({"cloud": path, "every": 2}, "a cloud is of one time"),
     ):
         assert export_results(two, tmp_path / "out", **options) == 2
         assert message in capsys.readouterr().err
     assert export_results(tmp_path, None) == 2 and not (tmp_path / "out").exists()
+
+
+def test_a_cloud_in_other_words_has_the_same_distances(
+    two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored, rng = read_fields(two), np.random.default_rng(1)
+    points = rng.uniform((0, 0), (0.9, 0.3), (40, 2))
+    rows = 1e3 * np.column_stack([points, mean(stored, points, 10)])
+    lines = [";".join(f"{v:.9f}".replace(".", ",") for v in row) for row in rows]
+    (tmp_path / "dic.csv").write_text("\n".join(["a;b;c;d", *lines]) + "\n")
+    layout = Layout(
+        {"x": 1, "y": "b", "ux": 3, "uy": 4}, dict.fromkeys(("x", "y", "ux", "uy"), "mm")
+    )
+    options = {"at": "60 mm", "cloud": tmp_path / "dic.csv"}
+    assert export_results(two, tmp_path, **options, layout=layout) == 0
+    assert "40 points" in capsys.readouterr().out
+    assert table(tmp_path / "step-000200-distance.csv")["distance_m"].max() < 1e-11
+    with pytest.raises(CaseError, match="no column 'x'"):
+        export_results(two, tmp_path, **options)
+
+
+def test_a_cloud_with_another_origin_is_refused_with_both_ranges(
+    two: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stored, rng = read_fields(two), np.random.default_rng(2)
+    points = rng.uniform((0, 0), (0.9, 0.3), (200, 2))
+    path = cloud(tmp_path / "dic.csv", points - [0.45, 0.15], mean(stored, points, 10))
+    assert export_results(two, tmp_path / "out", cloud=path) == 2
+    said = capsys.readouterr().err
+    assert "of 200 points" in said and "x from 0 to 900 mm" in said and "x from -4" in said
+    assert not (tmp_path / "out").exists()

@@ -14,6 +14,7 @@ LAYERS = (
     "wovenfab.parallel",
     "wovenfab.compat",
     "wovenfab.case",
+    "wovenfab.measured",
     "wovenfab.sheet",
     "wovenfab.model",
     "wovenfab.solver",

@@ -83,6 +83,36 @@ Page = Annotated[
 ]
 
 
+Columns = Annotated[
+    list[str] | None,
+    _option(
+        "--columns",
+        metavar="NAME=COLUMN",
+        help="Column of a quantity by name or number (from 1), as in --columns force=Kraft.",
+    ),
+]
+Units = Annotated[
+    list[str] | None,
+    _option(
+        "--units",
+        metavar="NAME=UNIT",
+        help='Unit of a quantity, as in --units force=kN; "force=-1 N" reverses the sign.',
+    ),
+]
+Rows = Annotated[
+    str | None,
+    _option(
+        "--rows",
+        metavar="FIRST-LAST",
+        help="Lines of the file with the numbers, as in --rows 12-340.",
+    ),
+]
+Decimal = Annotated[
+    str | None,
+    _option("--decimal", metavar="point|comma", help="The decimal sign, if numbers do not tell."),
+]
+
+
 app = typer.Typer(
     help="Predict how woven fabrics stretch, shear, bend, slip and lose energy to friction.\n\n"
     "A case is a YAML file; try [bold]wovenfab check configs/bias-1x3.yaml[/bold], then "
@@ -308,11 +338,38 @@ def report(
             help="A measured curve: draw the runs over it (lab.png) and say how far they are.",
         ),
     ] = None,
+    columns: Columns = None,
+    units: Units = None,
+    rows: Rows = None,
+    decimal: Decimal = None,
 ) -> None:
-    """Report a run from its files alone, or compare several: pages, pictures, yarns."""
-    from wovenfab.cli.report import report_results
+    """Report a run from its files alone, or compare several: pages, pictures, yarns.
 
-    sys.exit(report_results(directories, output, animation, lab))
+    The last four options say how the file of --lab is read; wovenfab measured FILE shows it.
+    """
+    from wovenfab.cli.report import report_results
+    from wovenfab.measured.layout import layout_of_options
+    from wovenfab.measured.names import SI
+
+    layout = layout_of_options(columns or [], units or [], rows, decimal, SI)
+    sys.exit(report_results(directories, output, animation, lab, layout))
+
+
+@app.command()
+def measured(
+    file: Annotated[Path, _argument(help="The measured file: CSV or other text.")],
+    columns: Columns = None,
+    units: Units = None,
+    rows: Rows = None,
+    decimal: Decimal = None,
+) -> None:
+    """Show how a measured curve is read: columns, units, rows, branches, largest force."""
+    from wovenfab.cli.report import show_measured
+    from wovenfab.measured.layout import layout_of_options
+    from wovenfab.measured.names import SI
+
+    layout = layout_of_options(columns or [], units or [], rows, decimal, SI)
+    sys.exit(show_measured(file, layout))
 
 
 @app.command()
@@ -342,11 +399,21 @@ def export(
             help="Measured displacements of points (x, y, ux, uy): map of the distances.",
         ),
     ] = None,
+    columns: Columns = None,
+    units: Units = None,
+    rows: Rows = None,
+    decimal: Decimal = None,
 ) -> None:
-    """Write stored fields as VTU and CSV, or compare them with a camera's cloud of points."""
-    from wovenfab.cli.report import export_results
+    """Write stored fields as VTU and CSV, or compare them with a camera's cloud of points.
 
-    sys.exit(export_results(directory, output, at, every, last, compare))
+    The last four options say how the file of --compare is read, as in --units x=mm,y=mm.
+    """
+    from wovenfab.cli.report import export_results
+    from wovenfab.measured.cloud import CLOUD
+    from wovenfab.measured.layout import layout_of_options
+
+    layout = layout_of_options(columns or [], units or [], rows, decimal, CLOUD)
+    sys.exit(export_results(directory, output, at, every, last, compare, layout))
 
 
 @app.command()

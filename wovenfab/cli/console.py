@@ -163,12 +163,13 @@ def _state(now: Progress) -> str:
     if now.step is None:
         return ""
     step = now.step
-    cut = f", cut back {_counted(step.cutbacks, 'time')}" if step.cutbacks else ""
-    iterations = _counted(step.iterations, "iteration")
+    cut = f", cut back {counted(step.cutbacks, 'time')}" if step.cutbacks else ""
+    iterations = counted(step.iterations, "iteration")
     return f"step {step.number}: {1e3 * step.displacement:.4g} mm, {iterations}{cut}"
 
 
-def _counted(number: int, thing: str) -> str:
+def counted(number: int, thing: str) -> str:
+    """Return a number of things in words: 1 run, 2 runs."""
     return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 

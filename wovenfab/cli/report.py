@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from wovenfab.cli.console import BAD_INPUT, Console
+from wovenfab.measured.layout import EMPTY, Layout
 
 if TYPE_CHECKING:
     from wovenfab.report.page_blocks import Section
@@ -21,10 +22,11 @@ def report_results(
     output: Path | None,
     animation: bool = False,
     lab: Path | None = None,
+    layout: Layout = EMPTY,
 ) -> int:
     """Report one run in its directory, or several on one page; return the exit code.
 
-    ``lab`` is a measured curve, over which the runs are drawn.
+    ``lab`` is a measured curve, over which the runs are drawn, and ``layout`` what is said of it.
     """
     console = Console()
     if _lacks_results(console, directories):
@@ -40,7 +42,7 @@ def report_results(
     page = output or default_place(directories)
     folder = directories[0] if len(directories) == 1 else page.parent
     try:
-        measured = [] if lab is None else [_measured(console, directories, lab, folder)]
+        measured = [] if lab is None else [_measured(console, directories, lab, layout, folder)]
         if len(directories) == 1:
             return _report(console, directories[0], animation, measured)
         from wovenfab.report.pages import write_comparison
@@ -79,16 +81,21 @@ def _report(
     return 0 if problem is None else NOT_DRAWN
 
 
-def _measured(console: Console, directories: Sequence[Path], lab: Path, folder: Path) -> Section:
+def _measured(
+    console: Console, directories: Sequence[Path], lab: Path, layout: Layout, folder: Path
+) -> Section:
     """Draw runs over a measured curve, say how far they are, and return a section with that."""
+    from wovenfab.measured.curve import read_measured
     from wovenfab.report.fit import LAB, measured_figure
     from wovenfab.report.page_blocks import Table, section, vector
     from wovenfab.report.pages import labels
     from wovenfab.report.run_data import open_run_data
     from wovenfab.report.style import house_style, save
-    from wovenfab.study.fit.measured import read_measured
 
-    measured = read_measured(lab)
+    measured = read_measured(lab, layout)
+    if measured.reading is not None:
+        for text in (str(measured.reading), *measured.reading.notes):
+            console.say(f"{lab.name}: {text}")
     runs = list(zip(labels(directories), map(open_run_data, directories), strict=True))
     with house_style():
         figure, rows = measured_figure(runs, measured)
@@ -102,6 +109,15 @@ def _measured(console: Console, directories: Sequence[Path], lab: Path, folder: 
     return section("Measured curve", lambda: [vector(figure, "lab", caption, said), table])
 
 
+def show_measured(path: Path, layout: Layout = EMPTY) -> int:
+    """Say how a measured curve is read; return the exit code."""
+    from wovenfab.measured.curve import in_words, read_measured
+
+    measured = read_measured(path, layout)
+    Console().say("\n".join(in_words(measured)))
+    return 0
+
+
 def export_results(
     directory: Path,
     output: Path | None,
@@ -109,6 +125,7 @@ def export_results(
     every: int | None = None,
     last: bool = False,
     cloud: Path | None = None,
+    layout: Layout = EMPTY,
 ) -> int:
     """Write stored fields as VTU and CSV, or compare them with a cloud; return the exit code.
 
@@ -119,11 +136,12 @@ def export_results(
         every: Every so many stored times.
         last: The last stored time.
         cloud: Measured displacements at points, to be compared with those at one time.
+        layout: What is said of the cloud's file.
     """
+    from wovenfab.measured.cloud import read_cloud
     from wovenfab.report.export import FOLDER, chosen_times, compare, export, write_distances
     from wovenfab.report.run_data import largest, open_run_data, stored_of
     from wovenfab.report.style import house_style, millimetres
-    from wovenfab.study.fit.measured import read_cloud
 
     console = Console()
     if _lacks_results(console, [directory]):
@@ -146,7 +164,7 @@ def export_results(
             times = [largest(source, stored).index]
         if len(times) > 1:
             raise ValueError("a cloud is of one time: name it, as in --at '20 mm'")
-        found = compare(stored, times[0], *read_cloud(cloud))
+        found = compare(stored, times[0], *read_cloud(cloud, layout))
         folder.mkdir(parents=True, exist_ok=True)
         reached = float(source.reached(stored)[times[0]])
         words = f"step {stored.steps[times[0]]}, {millimetres(reached)}"

@@ -14,6 +14,7 @@ from wovenfab.cli.console import (
     INTERRUPTED,
     Console,
     configure_log,
+    counted,
     duration,
     is_first_rank,
     is_launched,
@@ -307,12 +308,20 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Knowl
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page, write_result
     from wovenfab.study.fit.knowledge import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
-    from wovenfab.study.fit.search import profile, search
+    from wovenfab.study.fit.search import profile, search_with_slack
 
-    console.say(f"{fit.name}: {len(fit.tests)} measured curves, {len(fit.unknowns)} parameters")
+    curves, unknowns = len(fit.tests), len(fit.unknowns)
+    console.say(
+        f"{fit.name}: {counted(curves, 'measured curve')}, {counted(unknowns, 'parameter')}"
+    )
+    for test in fit.tests:
+        if test.measured.reading is not None:
+            console.say(f"  {test.measured.file.name}: {test.measured.reading}")
+            for note in test.measured.reading.notes:
+                console.say(f"    {note}")
     place = directory / RUNS
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
-        found = search(objective, fit)
+        found = search_with_slack(objective, fit)
         e = found.evaluation
         known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
         halves = {i.name: i.half for i in known.intervals if isfinite(i.half)}
@@ -321,7 +330,12 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Knowl
             for name in fit.profiles
             if name in halves
         ]
-    notes = [*_headlines(found), *in_words(known, fit), *map(str, profiles)]
+    beyond = [
+        f"{test.measured.file.name}: {comparison.left_out}."
+        for test, comparison in zip(fit.tests, e.comparisons, strict=True)
+        if comparison.left_out
+    ]
+    notes = [*_headlines(found), *beyond, *in_words(known, fit), *map(str, profiles)]
     write_result(fit, found, known, profiles, notes, directory)
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
@@ -345,7 +359,8 @@ def _headlines(found: Found) -> list[str]:
         cells = "What cells and steps change is not known: files give both."
     lines = [
         f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
-        f"square), after {len(found.trials) - len(fine)} coarse trials and {len(fine)} fine ones, "
+        f"square), after {counted(len(found.trials) - len(fine), 'coarse trial')} and "
+        f"{counted(len(fine), 'fine one')}, "
         f"in {duration(spent)}, the time of {spent / fine[-1].seconds:.1f} runs like the last one.",
         cells,
     ]

@@ -33,6 +33,8 @@ from wovenfab.report.yarns import Triangles, displacements, outline
 
 #: Folder of what is exported.
 FOLDER = "export"
+#: Share of the points of a cloud that must lie on the sheet.
+LEAST = 0.5
 
 
 def chosen_times(
@@ -155,13 +157,23 @@ def compare(stored: StoredFields, index: int, points: Values, measured: Values) 
         raise ValueError("the run stored no displacement: add it to output.fields")
     computed = np.mean([at(name, index) for name in names], axis=0)
     on = np.isfinite(computed).all(axis=1)
-    if not on.any():
-        low, high = (np.round(f(stored.points(), axis=0), 6).tolist() for f in (np.min, np.max))
+    if on.sum() < LEAST * len(points):
+        found, sheet = _extent(points), _extent(stored.points())
+        count = f"only {on.sum()} of {len(points)} points" if on.any() else "no point"
         raise ValueError(
-            "no point of the cloud is on the sheet: x and y are positions at rest in the sheet's "
-            f"coordinates, from {low} to {high} m"
+            f"{count} of the cloud lie on the sheet: x and y are positions at rest in the sheet's "
+            f"coordinates, {sheet}; those of the cloud are {found}. Add what the origins differ by"
         )
     return Distances(points[on], measured[on], computed[on], int((~on).sum()))
+
+
+def _extent(points: Values) -> str:
+    """Return the least and largest coordinates in words."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    return " and ".join(
+        f"{name} from {1e3 * a:.4g} to {1e3 * b:.4g} mm"
+        for name, a, b in zip("xy", low, high, strict=True)
+    )
 
 
 def write_distances(

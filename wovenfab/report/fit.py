@@ -15,6 +15,7 @@ from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
+from wovenfab.measured.curve import Measured
 from wovenfab.record.results import this_process, write_whole
 from wovenfab.report.page_blocks import Block, Section, Table, section, vector, write_page
 from wovenfab.report.run_data import RunData
@@ -32,7 +33,6 @@ from wovenfab.report.style import (
 )
 from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.knowledge import Interval, Knowledge
-from wovenfab.study.fit.measured import Measured
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
@@ -128,6 +128,7 @@ def measured_figure(
         try:
             one = compared(measured, curve)
             words = f"{100 * one.misfit:.2f} % of the largest force from {measured.file.name}"
+            words += f"; {one.left_out}" if one.left_out else ""
             found.append((name, run, one, words))
         except BranchError as error:
             found.append((name, run, None, f"no distance: {error}"))
@@ -137,10 +138,11 @@ def measured_figure(
     upper, lower = grid[0, 0], grid[-1, 0]
     unit = readable("N", float(np.abs(measured.force).max()))
     shown = (1e3 * measured.displacement, unit.factor * measured.force)
-    upper.plot(*shown, "o", color=QUIET, markersize=3, zorder=3, label=measured.file.name)
-    for i, (name, run, comparison, words) in enumerate(found):
+    plain = measured.file.name.replace("$", r"\$")  # no formula
+    upper.plot(*shown, "o", color=QUIET, markersize=3, zorder=3, label=plain)
+    for i, (name, run, comparison, _) in enumerate(found):
         colour = APART[i % len(APART)]
-        label = f"{name}: {words.split(' of ')[0]}" if comparison else name
+        label = f"{name}: {100 * comparison.misfit:.2f} %" if comparison else name
         u, f = 1e3 * run.history["displacement_m"], unit.factor * run.history["force_N"]
         upper.plot(u, f, color=colour, label=label)
         if comparison is not None:
@@ -247,10 +249,15 @@ def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
 
 
 def plain_ticks(axis: Axis) -> None:
-    """Label powers of ten with plain numbers, and twice and five times these if few."""
+    """Label a logarithmic axis with plain numbers, as many as can be read.
+
+    These are powers of ten, with twice and five times these if few, and a few numbers in equal
+    steps on an axis of less than a power of ten.
+    """
     low, high = sorted(axis.get_view_interval())
     few = high < FEW_POWERS * low
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    powers = LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,))
+    axis.set_major_locator(MaxNLocator(3, steps=(1, 2, 5, 10)) if high < 10 * low else powers)
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

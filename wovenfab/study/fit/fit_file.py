@@ -18,7 +18,8 @@ from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import Problem, describe, near_miss, problems_in, reason, wrong
 from wovenfab.case.formula import Expression
 from wovenfab.case.quantities import Length, Section, coefficients, with_coefficient
-from wovenfab.study.fit.measured import Measured, read_measured
+from wovenfab.measured.curve import Measured, read_measured
+from wovenfab.measured.layout import Layout, rows_of
 
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
 #: displacement and force of the machine where the sample has none.
@@ -49,6 +50,24 @@ def _share_or_force(value: Any) -> tuple[float, bool]:
     raise wrong(f"expected an error such as 1 % or 0.1 N, got {describe(value)}")
 
 
+def _lines(value: Any) -> tuple[int, int] | None:
+    """Return the first and last line that a text such as 12-340 names."""
+    if value is None or isinstance(value, tuple):
+        return value
+    try:
+        return rows_of(str(value))
+    except ValueError:
+        remedy = "For example 'rows: 12-340', counted from 1 as an editor does."
+        raise wrong(f"expected the first and last line, got {describe(value)}", remedy) from None
+
+
+_Rows = Annotated[
+    tuple[int, int] | None,
+    BeforeValidator(_lines, json_schema_input_type=str),
+    PlainSerializer(lambda r: None if r is None else f"{r[0]}-{r[1]}"),
+]
+
+
 class Columns(Section):
     """Columns of a measured file, where its header does not tell."""
 
@@ -63,7 +82,7 @@ class Columns(Section):
 
 
 class Units(Section):
-    """Units of the columns, where the header does not tell."""
+    """Units of the columns, where the header does not tell; ``-1 N`` reverses the sign."""
 
     displacement: str | None = Field(default=None, examples=["mm"])
     """A length."""
@@ -94,6 +113,12 @@ class Test(Section):
 
     units: Units = Units()
     """Their units."""
+
+    rows: _Rows = None
+    """First and last line of the file with numbers to read, where it has several tables."""
+
+    decimal: Literal["", ".", ","] = Field(default="", examples=[","])
+    """Its decimal sign, where the numbers do not tell."""
 
     error: Annotated[
         tuple[float, bool],
@@ -252,11 +277,8 @@ def read_fit(path: Path) -> Fit:
 
 def _test(test: Test) -> MeasuredTest:
     case = read_case(test.case, dict(test.set))
-    measured = read_measured(
-        test.measured,
-        test.columns.model_dump(exclude_none=True),
-        test.units.model_dump(exclude_none=True),
-    )
+    columns, units = (s.model_dump(exclude_none=True) for s in (test.columns, test.units))
+    measured = read_measured(test.measured, Layout(columns, units, test.rows, test.decimal))
     number, share = test.error
     error = number * float(abs(measured.force).max()) if share else number
     return MeasuredTest(case, measured, error, test.weight, test.toe)

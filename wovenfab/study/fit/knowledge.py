@@ -251,7 +251,9 @@ def in_words(known: Knowledge, fit: Fit) -> list[str]:
                 "from there on they differ by more than twice the error of a force."
             )
         elif angle:
-            lines.append(f"{test.measured.file.name}: the curves agree to their ends{angle}.")
+            lines.append(
+                f"{test.measured.file.name}: the curves agree as far as they are compared{angle}."
+            )
         if f.is_model_error:
             lines.append(
                 f"{test.measured.file.name}: the distance is {100 * f.misfit:.2f} % of the largest "

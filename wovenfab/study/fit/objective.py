@@ -144,6 +144,8 @@ class Objective:
             self._pool = self._stack.enter_context(pool)
         self.trials: list[Trial] = []
         self._evaluated: dict[str, Evaluation | None] = {}
+        self._tried: set[str] = set()
+        self._reference: Mapping[str, float] = {u.name: u.start for u in fit.unknowns}
 
     def __enter__(self) -> Objective:
         """Heed signals to end; return the objective itself."""
@@ -188,7 +190,8 @@ class Objective:
         curves = self._curves(values, scale)
         comparisons, residuals, rows = [], [], []
         for test, curve in zip(fit.tests, curves, strict=True):
-            c = compared(test.measured, curve, fit.unknowns, values, test.toe)
+            reference = self._reference
+            c = compared(test.measured, curve, fit.unknowns, values, test.toe, reference)
             factor = np.sqrt(test.weight) / test.error
             comparisons.append(c)
             residuals.append(factor * (c.force - c.measured))
@@ -213,11 +216,34 @@ class Objective:
                 failure = str(error)
             misfit = done.misfit if done else np.nan
             seconds = sum(curve.seconds for curve in done.curves) if done else 0.0
-            trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
-            self.trials.append(trial)
-            self._report(trial)
+            if key not in self._tried:
+                trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
+                self.trials.append(trial)
+                self._report(trial)
+            self._tried.add(key)
             self._evaluated[key] = done
         return self._evaluated[key]
+
+    def choose_rows(self, values: Mapping[str, float], scale: float) -> bool:
+        """Compare the rows that the program reaches with these values of the machine's parameters.
+
+        Slack takes rows away at one end of a curve and makes others comparable at the other end.
+
+        Returns:
+            Whether they are others than before: the search must then go on.
+
+        Raises:
+            TrialError: As from :meth:`evaluate`, which is called with ``scale``.
+        """
+        if not any(u.target is None for u in self._fit.unknowns):
+            return False
+        before = self.evaluate(values, scale).comparisons
+        self._reference = dict(values)
+        after = self.evaluate(values, scale).comparisons
+        if all(np.array_equal(a.rows, b.rows) for a, b in zip(before, after, strict=True)):
+            return False
+        self._evaluated.clear()
+        return True
 
     def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
         fit = self._fit

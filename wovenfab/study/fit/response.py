@@ -20,17 +20,17 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline
+from scipy.interpolate import CubicHermiteSpline, make_interp_spline
 
 from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.measured.curve import Measured, reversed_force, said
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
 from wovenfab.study.fit.fit_file import Unknown
-from wovenfab.study.fit.measured import Measured
 from wovenfab.study.runner import Command, Ended
 
 Array = NDArray[np.float64]
@@ -52,6 +52,7 @@ class Curve:
         slopes: Derivatives of the force by the material parameters, shape (steps, parameters).
         turns: Rows at which the program reverses, first and last included.
         seconds: Wall time.
+        straight: Whether the curve is straight between the steps, as pictures draw it.
     """
 
     displacement: Array
@@ -59,6 +60,7 @@ class Curve:
     slopes: Array
     turns: tuple[int, ...]
     seconds: float
+    straight: bool = False
 
     @staticmethod
     def of(data: Mapping[str, Any]) -> Curve:
@@ -140,12 +142,28 @@ class Comparison:
         measured: Their forces, N.
         force: The computed forces there, N.
         slopes: Derivatives of these by all parameters, shape (rows, parameters).
+        beyond: Number of rows at displacements that the program does not reach.
+        reach: Least and largest displacement of the program, m.
     """
 
     rows: NDArray[np.intp]
     measured: Array
     force: Array
     slopes: Array
+    beyond: int = 0
+    reach: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def left_out(self) -> str:
+        """How many rows are compared and how many the program does not reach; else nothing."""
+        if not self.beyond:
+            return ""
+        low, high = (f"{1e3 * end:.4g}" for end in self.reach)
+        count = self.rows.size
+        return (
+            f"{count} of {count + self.beyond} rows are compared, {self.beyond} lie beyond the "
+            f"displacements of the program, {low} to {high} mm"
+        )
 
     @property
     def shares(self) -> Array:
@@ -164,8 +182,12 @@ class BranchError(Exception):
 
 
 def curve_of_history(displacement: Array, force: Array) -> Curve:
-    """Return the curve of a run that is there already, in m and N, without derivatives."""
-    return Curve(displacement, force, np.zeros((len(force), 0)), _turns(displacement), 0.0)
+    """Return the curve of a run that is there already, in m and N, without derivatives.
+
+    It is straight between the steps, as it is drawn.
+    """
+    slopes = np.zeros((len(force), 0))
+    return Curve(displacement, force, slopes, _turns(displacement), 0.0, straight=True)
 
 
 def compared(
@@ -174,37 +196,73 @@ def compared(
     unknowns: Sequence[Unknown] = (),
     values: Mapping[str, float] = MappingProxyType({}),
     toe: float = -np.inf,
+    reference: Mapping[str, float] = MappingProxyType({}),
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
     ``values`` are those of the parameters by name (SI units); points below the ``toe`` (m) are
-    left out.
+    left out. With the machine's parameters in ``reference`` the program reaches the rows that are
+    compared: the same rows for all values.
 
     Raises:
         BranchError: The curves do not belong to each other.
     """
+    if not np.ptp(curve.displacement):
+        raise BranchError("the program has not moved yet: there is nothing to compare")
     branches = measured.branches()
     if len(branches) != len(curve.turns) - 1:
         raise BranchError(
             f"{measured.file.name} has {len(branches)} branches of loading and unloading, the "
             f"program has {len(curve.turns) - 1}; let the program reverse as often"
         )
-    machine = [
-        values.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")
-    ]
+    _check_signs(measured, curve)
+    machine, fixed = (
+        [given.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")]
+        for given in (values, reference)
+    )
+    sample = measured.displacement - fixed[1] - fixed[0] * (measured.force - fixed[2])
+    wanted = 0
     parts: list[Any] = []
     for number, rows in enumerate(branches):
         chosen = rows if number == 0 else rows[1:]
         chosen = chosen[measured.displacement[chosen] >= toe]
+        wanted += chosen.size
         span = slice(curve.turns[number], curve.turns[number + 1] + 1)
+        low, high = np.sort(curve.displacement[list(curve.turns[number : number + 2])])
+        slack = 1e-3 * (high - low)
+        chosen = chosen[(sample[chosen] >= low - slack) & (sample[chosen] <= high + slack)]
         parts.append(_along(measured, curve, span, chosen, unknowns, machine))
-    comparison = Comparison(*(np.concatenate(one) for one in zip(*parts, strict=True)))
-    if comparison.rows.size < FEWEST:
+    rows, forces, computed, slopes = (np.concatenate(one) for one in zip(*parts, strict=True))
+    reach = float(curve.displacement.min()), float(curve.displacement.max())
+    count = rows.size
+    if count < FEWEST:
+        low, high = 1e3 * measured.displacement.min(), 1e3 * measured.displacement.max()
         raise BranchError(
             f"{measured.file.name} and the computed curve have less than {FEWEST} displacements in "
-            "common"
+            f"common: {low:.4g} to {high:.4g} mm are measured, the program goes from "
+            f"{1e3 * reach[0]:.4g} to {1e3 * reach[1]:.4g} mm. Measure displacements from the "
+            "state at rest, in the unit that the header says, and let the program go as far"
         )
-    return comparison
+    return Comparison(rows, forces, computed, slopes, wanted - count, reach)
+
+
+def _check_signs(measured: Measured, curve: Curve) -> None:
+    """Refuse curves whose displacement or force has the other sign than the program's.
+
+    Raises:
+        BranchError: With what is to be said.
+    """
+    if measured.is_reversed:
+        raise BranchError(f"{measured.file.name}: {reversed_force(measured)}")
+    u = measured.displacement[measured.branches()[0]]
+    goes = float(curve.displacement[curve.turns[1]] - curve.displacement[0])
+    if (u[-1] - u[0]) * goes < 0:
+        raise BranchError(
+            f"{measured.file.name}: the displacement first goes from {1e3 * u[0]:.4g} to "
+            f"{1e3 * u[-1]:.4g} mm, the program to {1e3 * curve.displacement[curve.turns[1]]:.4g} "
+            "mm. If the machine counts the other way, say "
+            f"{said('units', 'displacement', '-1 mm')}, and maybe the same of the force"
+        )
 
 
 def _along(
@@ -222,11 +280,8 @@ def _along(
     u, f, by_parameters = u[keep], f[keep], by_parameters[keep]
     order = np.argsort(u)
     u, f, by_parameters = u[order], f[order], by_parameters[order]
-    force = _cubic(u, f)
+    force = make_interp_spline(u, f, k=1) if curve.straight else _cubic(u, f)
     x = measured.displacement[rows]
-    slack = 1e-3 * np.ptp(u)
-    inside = (x >= u[0] - slack) & (x <= u[-1] + slack)  # the same rows for all values
-    rows, x = rows[inside], x[inside]
     at = np.clip(x - shift, u[0], u[-1])
     for _ in range(ITERATIONS if compliance else 0):
         step = (at + compliance * force(at) + shift - x) / (1 + compliance * force(at, 1))

@@ -10,7 +10,7 @@ doi:10.1023/A:1016042505922).
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite, isinf
 
 import numpy as np
@@ -55,6 +55,8 @@ USUAL, FINE_TIME = (10, 2), 4.0
 PROFILE = (0.5, 1.0, 1.5)
 #: Largest number of coarse trials of one search, and of fine trials in all.
 MOST_COARSE, MOST_FINE = 40, 6
+#: How often other rows may become comparable by the machine's parameters that were found.
+MOST_ROWS = 3
 
 
 @dataclass(frozen=True)
@@ -155,6 +157,21 @@ def search(objective: Objective, fit: Fit) -> Found:
         if scale == 1:
             error = _error(best, coarse)
     return Found(values, best, tuple(objective.trials), scale, near, error, correction)
+
+
+def search_with_slack(objective: Objective, fit: Fit) -> Found:
+    """Return the values of least squares for the rows that the program reaches with them.
+
+    Raises:
+        TrialError: No run came to its end at the start.
+    """
+    found = search(objective, fit)
+    for _ in range(MOST_ROWS):
+        if not objective.choose_rows(found.values, found.scale):
+            break
+        start = tuple(replace(u, start=found.values[u.name], scaled=False) for u in fit.unknowns)
+        found = search(objective, replace(fit, unknowns=start))
+    return found
 
 
 def share_done(trials: Sequence[Trial], refine: bool) -> float:

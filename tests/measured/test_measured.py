@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from wovenfab.case import CaseError
-from wovenfab.study.fit.measured import Measured, read_measured
+from wovenfab.measured.curve import Measured, read_measured
+from wovenfab.measured.layout import Layout
 
 ROOT = Path(__file__).parents[2]
 PLAIN = "u [mm],F [N]\n0,0\n1.5,2\n2.5,3\n"
@@ -29,13 +30,13 @@ SAME = {
     "Windows": (PLAIN.replace("\n", "\r\n"), {}),
     "no header": (
         "0 0\n1.5 2\n2.5 3\n",
-        {"given_units": {"displacement": "mm", "force": "N"}},
+        {"units": {"displacement": "mm", "force": "N"}},
     ),
     "columns by number": (
         "a,b,c\n9,0,0\n9,2,1.5\n9,3,2.5\n",
         {
             "columns": {"displacement": 3, "force": 2},
-            "given_units": {"displacement": "mm", "force": "N"},
+            "units": {"displacement": "mm", "force": "N"},
         },
     ),
     "columns by name": (
@@ -54,7 +55,7 @@ def written(text: str, folder: Path) -> Path:
 @pytest.mark.parametrize("name", SAME)
 def test_a_curve_is_read_as_machines_write_it(name: str, tmp_path: Path) -> None:
     text, more = SAME[name]
-    curve = read_measured(written(text, tmp_path), **more)
+    curve = read_measured(written(text, tmp_path), Layout(**more))
     np.testing.assert_allclose(curve.displacement, [0, 1.5e-3, 2.5e-3], atol=1e-15)
     np.testing.assert_allclose(curve.force, [0, 2, 3], atol=1e-15)
 
@@ -70,17 +71,16 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "few rows": ("u (mm),F (N)\n0,0\n1,1\n", {}, "only 2 rows of numbers"),
     "no units": (
         "1,2\n2,3\n3,4\n", {},
-        "no unit of the displacement. Say it: 'units: {displacement: mm}' in a fit file, or "
-        "'displacement_mm' in the header.",
+        "the header has no unit of the displacement",
     ),
     "wrong unit": (
         "1,2\n2,3\n3,4\n",
-        {"given_units": {"displacement": "kg", "force": "N"}},
+        {"units": {"displacement": "kg", "force": "N"}},
         "the unit of the displacement must be a length such as '40 mm', got 'kg'",
     ),
     "unknown unit": (
         "1,2\n2,3\n3,4\n",
-        {"given_units": {"displacement": "parsnip", "force": "N"}},
+        {"units": {"displacement": "parsnip", "force": "N"}},
         "unknown unit 'parsnip'",
     ),
     "unknown column": (PLAIN, {"columns": {"force": "Kraft"}}, "no column 'Kraft' for the force."),
@@ -88,14 +88,13 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
     "column zero": (PLAIN, {"columns": {"force": 0}}, "no column 0 for the force"),
     "two forces": (
         "load A (N),load B (N),travel (mm)\n0,0,0\n9,2,1.5\n9,3,2.5\n", {},
-        "more than one column may be the force. Name it: 'columns: {force: ...}' in a fit file, or "
-        "'force_N' in the header. The columns are",
+        "more than one column may be the force",
     ),
     "time back": (
         "time (s),travel (mm),load (N)\n0,0,0\n2,1,1\n1,2,2\n", {}, ":4: times must increase",
     ),
     "no travel": ("travel (mm),load (N)\n1,0\n1,1\n1,2\n", {}, "the displacement does not change"),
-    "no text": ("PK\x03\x04\0\0", {}, "this is not text. Export it as text"),
+    "no text": ("PK\x03\x04\0\0", {}, "this is not text"),
 }  # fmt: skip
 
 
@@ -103,7 +102,7 @@ BAD: dict[str, tuple[str, dict[str, Any], str]] = {
 def test_what_is_wrong_is_said_with_file_and_line(name: str, tmp_path: Path) -> None:
     text, more, message = BAD[name]
     with pytest.raises(CaseError) as caught:
-        read_measured(written(text, tmp_path), **more)
+        read_measured(written(text, tmp_path), Layout(**more))
     assert "curve.csv" in str(caught.value)
     assert message in str(caught.value)
 

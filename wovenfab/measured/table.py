@@ -1,0 +1,419 @@
+"""The table of numbers in a measured file: its separator, its header and its rows.
+
+A file may begin with a report and with other tables. The table that counts is the longest block of
+rows with numbers; its header is what stands above it, up to the block before.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wovenfab.case.errors import refusal
+from wovenfab.measured.layout import Layout
+from wovenfab.measured.names import is_unit, unit_of
+from wovenfab.measured.numbers import (
+    COMMA,
+    NAMES,
+    POINT,
+    decimals,
+    evidence,
+    is_number,
+    number,
+    plain,
+    thousands,
+)
+from wovenfab.measured.text import Text, read_text
+
+Array = NDArray[np.float64]
+BLANKS = " "
+#: How cells may be separated, with names for people.
+SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", BLANKS: "blanks"}
+#: Lines by which the separator is found: all of the first ones, and as many spread over the rest.
+SAMPLE = 300
+#: Fewest rows of a second table that is asked for, and its size over that of the longest one.
+SECOND, COMPARABLE = 3, 0.5
+#: A cell that stands for a number that is missing.
+_MISSING = re.compile(
+    r"#.*|[-\u2013\u2014*.?]+|[-+]?inf(inity)?|n\.?/?a\.?|nan|nv|null|none|overflow|err(or)?"
+    r"|[-+]?1\.#\w+",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of a file.
+
+    Attributes:
+        line: Its number, from 1.
+        cells: Its cells.
+    """
+
+    line: int
+    cells: tuple[str, ...]
+
+    def cell(self, at: int) -> str:
+        """Return the cell of a column, from 0; empty where the line has no such column."""
+        return self.cells[at] if at < len(self.cells) else ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """The numbers of a file, not yet understood.
+
+    Attributes:
+        file: The file.
+        encoding: Of its text.
+        separator: Of the cells.
+        decimal: Decimal sign.
+        thousands: What separates thousands; empty if nothing does.
+        titles: Names of the columns, perhaps empty; one for each.
+        units: What may be the unit of each column in lines of units alone, best first.
+        header: Line of the names; None if there is none.
+        rows: Rows of numbers, and those between them that lack some.
+        notes: Sentences on what else is in the file.
+    """
+
+    file: Path
+    encoding: str
+    separator: str
+    decimal: str
+    thousands: str
+    titles: tuple[str, ...]
+    units: tuple[tuple[str, ...], ...]
+    header: int | None
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        """Number of columns."""
+        return len(self.titles)
+
+    def column_value(self, row: Row, at: int) -> float:
+        """Return the number of a row in a column, from 0; nan where there is none."""
+        return number(row.cell(at), self.decimal)
+
+    def column(self, at: int) -> Array:
+        """Return the numbers of a column, from 0, shape (rows,); nan where there is none."""
+        return np.array([number(row.cell(at), self.decimal) for row in self.rows])
+
+    @property
+    def names(self) -> str:
+        """The columns in a sentence, for messages."""
+        shown = [f"{i} {short(t)!r}" for i, t in enumerate(self.titles, 1) if t]
+        if not shown:
+            return f"There are {self.width} columns and no names: give their numbers, from 1."
+        more = f" and {len(shown) - 12} more" if len(shown) > 12 else ""
+        return f"The columns are {', '.join(shown[:12])}{more}."
+
+
+@dataclass
+class _Block:
+    """Rows of numbers below each other."""
+
+    head: list[Row]  # lines above, up to the block before
+    rows: list[Row]
+    count: int  # rows with two numbers at least
+    gap: int = 0  # number of rows above the last empty line
+
+    @property
+    def titled(self) -> bool:
+        """Whether a line with several words stands above."""
+        return any(sum(map(bool, row.cells)) > 1 for row in self.head)
+
+    def __str__(self) -> str:
+        return f"lines {self.rows[0].line} to {self.rows[-1].line}"
+
+
+def read_table(path: Path, layout: Layout) -> Table:
+    """Return the table of numbers in a file.
+
+    Raises:
+        CaseError: With file and line: no numbers, or several readings.
+    """
+    text = read_text(path)
+    separator = _separator(text)
+    rows = [Row(n, tuple(_cells(line, separator))) for n, line in enumerate(text.lines, start=1)]
+    blocks, footer = _blocks(rows)
+    if layout.rows:
+        first, last = layout.rows
+        blocks = [b for b in (_within(b, first, last) for b in blocks) if b.count]
+    if not blocks:
+        where = f" in lines {layout.rows[0]} to {layout.rows[1]}" if layout.rows else ""
+        remedy = "Export the table as text, with plain numbers and the units in the header."
+        remedy = "Name the lines with numbers." if where else remedy
+        raise refusal(str(path), f"there is no row with two numbers{where}", remedy)
+    block, notes = _chosen(blocks, path, layout)
+    if not layout.rows:
+        notes += _without_summary(block)
+    width = max(len(row.cells) for row in block.rows)
+    title = _title_row(block, separator)
+    decimal = layout.decimal or _decimal(block, separator, text, path, width)
+    titles = _titles(title, separator, width, path, layout, block)
+    data, note = _without_cut_number(block.rows, text, decimal)
+    columns = [[row.cell(at) for row in data] for at in range(width)]
+    groups = {sign for cells in columns if (sign := thousands(cells, decimal))}
+    # Units stand below the names, sometimes above them or below the table.
+    below = [row for row in block.head if title is None or row.line > title.line]
+    above = [row for row in block.head if title is not None and row.line < title.line]
+    beside = [row for row in (*above[::-1], *footer) if len(row.cells) - row.cells.count("") > 1]
+    lines = [row for row in (*below, *beside) if _units_alone(row)]
+    units = tuple(
+        tuple(row.cell(at) for row in lines if row.cell(at).strip()) for at in range(width)
+    )
+    head = None if title is None else title.line
+    return Table(
+        path, text.encoding, separator, decimal, " or ".join(sorted(groups)), titles, units,
+        head, tuple(data), (*notes, *note),
+    )  # fmt: skip
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell is empty or says that its number is missing (NaN, #VALUE!, ---)."""
+    return not cell or _MISSING.fullmatch(cell) is not None
+
+
+def short(text: str) -> str:
+    """Return a text of at most 40 characters."""
+    return text if len(text) <= 40 else f"{text[:37]}..."
+
+
+def _separator(text: Text) -> str:
+    """Return the separator with which the most characters are in cells with numbers."""
+    lines = [line for line in text.lines if line.strip()]
+    step = max(1, (len(lines) - SAMPLE) // SAMPLE)
+    sample = [*lines[:SAMPLE], *lines[SAMPLE::step]]
+
+    def covered(separator: str) -> int:
+        count = 0
+        for line in sample:
+            if separator not in line and separator != BLANKS:
+                continue
+            found = [cell for cell in _cells(line, separator) if is_number(cell)]
+            if len(found) > 1:
+                count += sum(len(cell.replace(" ", "")) for cell in found)
+        return count
+
+    return max(SEPARATORS, key=covered)
+
+
+def _cells(line: str, separator: str) -> Iterator[str]:
+    if separator == BLANKS:
+        # Only blanks and tabs: others, which do not break a line, separate thousands.
+        parts = re.split(r"[ \t]+", line.strip(" \t"))
+    elif '"' in line:
+        try:
+            parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:
+            parts = line.split(separator)
+    else:
+        parts = line.split(separator)
+    return map(plain, parts)
+
+
+def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
+    """Return the blocks of rows with numbers, and the lines below the last one."""
+    blocks: list[_Block] = []
+    text: list[Row] = []
+    open_block = empty = False
+    for row in rows:
+        filled = [cell for cell in row.cells if cell]
+        found = sum(map(is_number, filled))
+        if not filled:
+            empty = True
+            continue
+        if found > 1:
+            if not open_block:
+                blocks.append(_Block(text, [], 0))
+                text, open_block = [], True
+            elif empty:
+                blocks[-1].gap = len(blocks[-1].rows)
+            blocks[-1].rows.append(row)
+            blocks[-1].count += 1
+            empty = False
+        elif open_block and (
+            all(is_missing(cell) or is_number(cell) for cell in filled)
+            or (found and not _is_word(filled[0]))
+        ):
+            blocks[-1].rows.append(row)
+        elif open_block and any(_same(row, head) for head in blocks[-1].head):
+            continue  # a header that is repeated
+        elif found and blocks and _is_word(filled[0]) and len(filled) > 1:
+            text.append(row)  # a label with a number, such as a mean
+            open_block = False
+        else:
+            text.append(row)
+            open_block = False
+    return blocks, text
+
+
+def _is_word(cell: str) -> bool:
+    return sum(map(str.isalpha, cell)) > 1 and not is_missing(cell)
+
+
+def _same(row: Row, other: Row) -> bool:
+    return [c.casefold() for c in row.cells if c] == [c.casefold() for c in other.cells if c]
+
+
+def _within(block: _Block, first: int, last: int) -> _Block:
+    rows = [row for row in block.rows if first <= row.line <= last]
+    count = sum(sum(map(is_number, row.cells)) > 1 for row in rows)
+    return _Block(block.head, rows, count)
+
+
+def _chosen(blocks: list[_Block], path: Path, layout: Layout) -> tuple[_Block, list[str]]:
+    """Return the block that counts, and sentences on others."""
+    block = max(blocks, key=lambda b: b.count)
+    if layout.rows:  # all of them
+        rows = [row for b in blocks for row in b.rows]
+        return _Block(block.head, rows, sum(b.count for b in blocks)), []
+    notes = []
+    titles = [row for row in block.head if sum(map(bool, row.cells)) > 1]
+    for other in blocks:
+        if other is block or other.count < SECOND:
+            continue
+        same = other.titled and titles and any(_same(titles[-1], row) for row in other.head)
+        later = blocks.index(other) > 0
+        if other.count > COMPARABLE * block.count or same or (later and not other.titled):
+            line = max(other.rows[0].line, block.rows[0].line)
+            one, two = sorted((block, other), key=lambda b: b.rows[0].line)
+            first, last = one.rows[0].line, two.rows[-1].line
+            raise refusal(
+                str(path),
+                f"there are two tables of numbers, {one} and {two}",
+                f"Say which lines: 'rows: {one.rows[0].line}-{one.rows[-1].line}' in a fit file or "
+                f"--rows; {first}-{last} takes both as one.",
+                line,
+            )
+        notes.append(f"Another table ({other}) is not read.")
+    return block, notes
+
+
+def _without_summary(block: _Block) -> list[str]:
+    """Take away one or two rows below an empty line, such as means, and say so."""
+    if not block.gap or not 0 < len(block.rows) - block.gap < SECOND < block.gap:
+        return []
+    first, last = block.rows[block.gap].line, block.rows[-1].line
+    del block.rows[block.gap :]
+    lines = f"Line {first}" if first == last else f"Lines {first} and {last}"
+    verb = "is" if first == last else "are"
+    return [f"{lines} below an empty line {verb} not read; 'rows' or --rows would include them."]
+
+
+def _title_row(block: _Block, separator: str) -> Row | None:
+    """Return the line with the names of the columns; None if there is none."""
+    words = [row for row in block.head if not _units_alone(row)]
+    if not words:
+        return None
+    numbers = min(_numeric(block), 2) if separator == BLANKS else _numeric(block)
+    return next(
+        (row for row in reversed(words) if sum(map(bool, row.cells)) >= numbers),
+        next((row for row in reversed(words) if sum(map(bool, row.cells)) > 1), None),
+    )
+
+
+def _numeric(block: _Block) -> int:
+    """Return the usual number of numbers in a row."""
+    counts = Counter(sum(map(is_number, row.cells)) for row in block.rows[:SAMPLE])
+    return counts.most_common(1)[0][0]
+
+
+def _units_alone(row: Row) -> bool:
+    cells = [cell for cell in row.cells if cell and not is_missing(cell)]
+    return bool(cells) and all(is_unit(cell) for cell in cells)
+
+
+def _titles(
+    row: Row | None, separator: str, width: int, path: Path, layout: Layout, block: _Block
+) -> tuple[str, ...]:
+    """Return the names of the columns."""
+    numbers = {str(q) for q, c in layout.columns.items() if isinstance(c, int)}
+    found = [] if row is None else list(row.cells)
+    if row is not None and separator == BLANKS and len(found) != width:
+        found = _joined(row.cells, width)
+    while found and not found[-1]:
+        found.pop()
+    split = separator in (COMMA, BLANKS) and len(found) > 1 and len(found) < width
+    if split and {"displacement", "force"} - numbers:
+        what = "commas separate columns and decimals, or" if separator == COMMA else "blanks"
+        raise refusal(
+            str(path),
+            f"{width} numbers stand below {len(found)} names: {what} separate thousands, too",
+            "Save the table with semicolons or tabs between the columns.",
+            block.rows[0].line,
+        )
+    full = (r for r in block.rows[:-1] if separator == BLANKS and all(map(is_number, r.cells)))
+    if len(widths := {len(r.cells) for r in full}) > 1:
+        low, high = min(widths), max(widths)
+        raise refusal(
+            str(path),
+            f"rows have {low} to {high} numbers: blanks separate columns and perhaps thousands",
+            "Save the table with semicolons or tabs between the columns.",
+            next(r.line for r in block.rows if len(r.cells) == high),
+        )
+    return tuple([*found, *[""] * width][:width])
+
+
+def _joined(cells: Sequence[str], width: int) -> list[str]:
+    """Return names of columns that blanks separate, with their units in one cell; else none."""
+    line = re.sub(r"\s*/\s*", "/", re.sub(r"\s+(?=[\[(])", "\u00a0", " ".join(cells)))
+    found = line.split(" ")
+    pairs = list(zip(found[::2], found[1::2], strict=False))
+    if len(found) == 2 * width and all(unit_of(unit) for _, unit in pairs):
+        return [f"{name} [{unit}]" for name, unit in pairs]
+    return found if len(found) == width else []
+
+
+def _decimal(block: _Block, separator: str, text: Text, path: Path, width: int) -> str:
+    """Return the decimal sign that all columns settle together."""
+    found = evidence([[row.cell(at) for row in block.rows] for at in range(width)])
+    if found.decimal:
+        return found.decimal
+    say = "Say it: 'decimal: \",\"' or 'decimal: \".\"' in a fit file, --decimal comma or point."
+    if found.mixed:
+        words = " and ".join(
+            f"{cell!r} (line {block.rows[i].line}) a decimal {NAMES[sign]}"
+            for sign, (i, cell) in found.needed.items()
+        )
+        line = block.rows[next(iter(found.needed.values()))[0]].line
+        message = f"the decimal sign is not the same everywhere: {words}"
+        raise refusal(str(path), message, say, line)
+    assert found.either is not None
+    i, cell = found.either
+    row = block.rows[i]
+    if separator == COMMA and '"' not in text.lines[row.line - 1]:
+        return POINT  # where commas separate cells, decimals have points
+    readings = " or ".join(
+        f"{number(cell, sign):g} with a decimal {name}" for sign, name in NAMES.items()
+    )
+    raise refusal(
+        str(path), f"{cell!r} is {readings}, and no other number tells which", say, row.line
+    )
+
+
+def _without_cut_number(
+    rows: Sequence[Row], text: Text, decimal: str
+) -> tuple[Sequence[Row], list[str]]:
+    """Return rows without a last one whose last number is cut, and a sentence on that.
+
+    It is cut where the file ends without the end of a line, and it has fewer decimals than all
+    other numbers of its column, which have the same number of decimals.
+    """
+    last = rows[-1]
+    if not text.cut or last.line != len(text.lines) or len(rows) < 2 * SECOND:
+        return rows, []
+    at = len(last.cells) - 1
+    counts = {decimals(row.cell(at), decimal) for row in rows[:-1] if is_number(row.cell(at))}
+    if len(counts) == 1 and decimals(last.cell(at), decimal) < counts.pop():
+        note = f"Line {last.line} is not read: the file ends within it."
+        return rows[:-1], [note]
+    return rows, []
