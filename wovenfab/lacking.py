@@ -25,6 +25,14 @@ class LackingError(Exception):
     """Something that this machine lacks, or that does not fit; says what is to be done."""
 
 
+def module_is_missing(error: ModuleNotFoundError) -> str:
+    """Return a message about a module without which no command works."""
+    return (
+        f"the Python module {error.name} is missing: pip install 'wovenfab[wheels]', or see the "
+        "ways to install in docs/install.md"
+    )
+
+
 def load(name: str, package: str, purpose: str) -> ModuleType:
     """Return a module that not every command needs.
 

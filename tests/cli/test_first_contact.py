@@ -94,10 +94,11 @@ def test_gmsh_without_a_library_of_the_system(ranks: int, tmp_path: Path) -> Non
     assert missing in said and GMSH_LIBRARIES in said
 
 
-def test_a_module_that_is_not_installed(tmp_path: Path) -> None:
+@pytest.mark.parametrize("module", ["typer", "ufl", "mpi4py", "dolfinx"])
+def test_a_module_that_is_not_installed(module: str, tmp_path: Path) -> None:
     modules = tmp_path / "modules"
     modules.mkdir()
-    absent = "raise ModuleNotFoundError(\"No module named 'dolfinx'\", name='dolfinx')\n"
-    (modules / "dolfinx.py").write_text(absent)
+    absent = f"raise ModuleNotFoundError(\"No module named '{module}'\", name='{module}')\n"
+    (modules / f"{module}.py").write_text(absent)
     said = told(run(tmp_path, PYTHONPATH=str(modules)), tmp_path)
-    assert "dolfinx" in said and "wovenfab[wheels]" in said
+    assert module in said and "wovenfab[wheels]" in said

@@ -19,7 +19,7 @@ from wovenfab.cli.console import (
     is_launched,
     prepare_streams,
 )
-from wovenfab.lacking import LackingError
+from wovenfab.lacking import LackingError, module_is_missing
 from wovenfab.mpi import abort
 from wovenfab.simulation.progress import signal_behind
 
@@ -392,10 +392,7 @@ def guarded(command: Callable[[], None]) -> None:
         console.problem(str(error))
         sys.exit(BAD_INPUT)
     except ModuleNotFoundError as error:
-        console.problem(
-            f"the module {error.name} is missing: pip install 'wovenfab[wheels]', or see the ways "
-            "to install in docs/install.md"
-        )
+        console.problem(module_is_missing(error))
         sys.exit(BAD_INPUT)
     except Exception as error:
         if signal_behind(error):
