@@ -46,7 +46,7 @@ from wovenfab.versions import dolfinx
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *("parallel", "compat", "case", "sheet"),
+    *("lacking", "mpi", "versions", "parallel", "compat", "case", "sheet"),
     *("model", "solver", "stepping", "record", "simulation"),
 )
 #: Seconds between two looks at the running processes.
