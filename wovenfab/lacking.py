@@ -90,7 +90,8 @@ def require_compiler() -> None:
             )  # fmt: skip
             if tried.returncode:
                 said = [line.strip() for line in tried.stderr.splitlines() if line.strip()]
-                why = next((line for line in said if "error" in line), "".join(said[:1]))
+                errors = [line.partition("error: ")[2] for line in said if "error: " in line]
+                why = "".join((errors or said)[:1])
                 remedy = _install(packages)
                 if os.environ.get("CC"):
                     remedy = f"name another by CC, or {remedy}"
@@ -100,4 +101,4 @@ def require_compiler() -> None:
 
 
 def _install(packages: str) -> str:
-    return f"install one, on Debian by apt-get install {packages}"
+    return f"install it, on Debian by apt-get install {packages}"
