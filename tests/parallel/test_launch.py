@@ -50,7 +50,8 @@ def test_mpi_is_loaded_before_what_needs_its_library(module: str) -> None:
     )
     code = f"import sys\nimport wovenfab\n{seen}sys.meta_path.insert(1, Look())\nimport {module}"
     ended = python(code)
-    assert ended.stdout == "True\n", ended.stderr
+    # PyPI's wheel looks where petsc4py is before it loads MPI; the last look is that of the import
+    assert ended.stdout.splitlines()[-1:] == ["True"], ended.stderr
 
 
 def test_importing_the_package_loads_no_mpi() -> None:
