@@ -3,10 +3,11 @@
 
 case  = configs/bias-1x3.yaml
 ranks = 2
+jobs  = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next suite lint size docs bench accuracy hard survive fuzz random unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -22,14 +23,21 @@ pictures: ## draw the pictures of README.md and docs/effects.md again, of the co
 	$(enter) wovenfab effects configs/bias-1x3.yaml --set program.amplitudes=40mm --set time.steps_per_cycle=40
 	cp results/bias-1x3/loop.png results/bias-1x3/deformed.png docs/pictures
 	cp results/bias-1x3-effects/effects.png docs/pictures
+	$(enter) python3 -m benchmarks.accuracy_picture
 
 test: lint suite ## style, types and all tests but the slow ones
 
 test-next: export WOVENFAB_SUITE = sid
 test-next: suite ## the same tests with the next dolfinx (0.11), in a Debian sid
 
+test-wheels: export WOVENFAB_SUITE = wheels
+test-wheels: ## the same tests with FEniCSx from PyPI, in a bare Debian 13, but for those of env/enter
+	$(enter) pytest -n $(jobs) -m "not mpi and not slow" --ignore tests/environment
+	$(enter) on-ranks 2 pytest -m "mpi and not slow" --ignore tests/environment
+	$(enter) on-ranks 4 pytest -m "mpi4 and not slow" --ignore tests/environment
+
 suite:
-	$(enter) pytest -n 2 -m "not mpi and not slow"
+	$(enter) pytest -n $(jobs) -m "not mpi and not slow"
 	$(enter) on-ranks 2 pytest -m "mpi and not slow"
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow"
 
@@ -70,6 +78,9 @@ unchanged: ## compare the histories of all cases with those of another commit, b
 
 paraview-check: ## open the fields of a run in ParaView's three XDMF readers (needs 2.3 GB more)
 	tests/paraview/run.sh $(results)
+
+dist: ## build wheel and sdist into dist/ and check them; nothing is uploaded
+	$(enter) dist
 
 clean: ## remove what tools left in this folder; results stay
 	rm -rf build dist *.egg-info .hypothesis .mypy_cache .pytest_cache .ruff_cache

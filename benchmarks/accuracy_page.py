@@ -13,6 +13,7 @@ from pathlib import Path
 
 import typer
 
+from benchmarks.accuracy_picture import PICTURE, draw
 from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.results import COMMAND
 
@@ -84,7 +85,10 @@ def write_page() -> None:
         if code := study_accuracy(Path(shown.case), output, shown.settings, shown.minutes):
             raise typer.Exit(code)
     text = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
-    PAGE.write_text(text + "".join(map(_section, STUDIES)), encoding="utf-8")
+    text += "".join(map(_section, STUDIES))
+    PAGE.write_text(text, encoding="utf-8")
+    os.environ[COMMAND] = "make accuracy"
+    draw(text, PICTURE)
     print(f"\npage: {PAGE}")
 
 

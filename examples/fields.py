@@ -2,8 +2,10 @@
 
 import numpy as np
 import ufl
+from mpi4py import MPI  # with PyPI's wheels, before dolfinx
+
+# isort: split
 from dolfinx import fem
-from mpi4py import MPI
 
 import wovenfab
 

@@ -250,7 +250,8 @@ def sample(mesh: Triangles, values: Values, points: Values) -> Values:
     Returns:
         Shape (m,).
     """
-    surface = mesh.surface()
+    space = np.column_stack([mesh.points, np.zeros(len(mesh.points))])
+    surface = pv.PolyData.from_regular_faces(space, mesh.triangles)
     surface["values"] = values
     sampled = pv.PolyData(np.column_stack([points, np.zeros(len(points))])).sample(surface)
     return np.asarray(sampled["values"], dtype=np.float64)

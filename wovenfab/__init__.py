@@ -9,9 +9,12 @@ Three lines in a notebook or a script, also under ``mpirun``::
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from wovenfab.mpi import MpiFirst
 
 if TYPE_CHECKING:
     __version__: str
@@ -30,6 +33,8 @@ __all__ = [
     "simulate",
     "steps",
 ]
+
+sys.meta_path.insert(0, MpiFirst())
 
 
 def _version() -> str:

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wovenfab.mpi import load
+
 if TYPE_CHECKING:
     from mpi4py import MPI
 
@@ -24,9 +26,8 @@ _PRCTL, _PARENT_ENDS = getattr(ctypes.CDLL(None), "prctl", None), 1
 
 def world() -> MPI.Comm:
     """Return the communicator of all ranks; MPI is loaded only now, for readers need none."""
-    from mpi4py import MPI
-
-    return MPI.COMM_WORLD
+    comm: MPI.Comm = load().COMM_WORLD
+    return comm
 
 
 def agree(comm: MPI.Comm, problem: Exception | None) -> None:

@@ -1,11 +1,15 @@
 # The list of Debian packages, and the key that names a root made from it.
 
 suite=${WOVENFAB_SUITE:-trixie} # Debian 13
+list=packages.txt
+if [ "$suite" = wheels ]; then # a bare Debian 13, with FEniCSx from PyPI
+  suite=trixie list=wheels.txt
+fi
 
 # Prints a list without comments and blank lines, one entry a line.
 entries() { sed -e 's/#.*//' -e 's/[[:space:]]*$//' -e '/^$/d' "$1"; }
 
-package_list() { entries "${WOVENFAB_PACKAGES:-$project/env/packages.txt}" | sort -u; }
+package_list() { entries "${WOVENFAB_PACKAGES:-$project/env/$list}" | sort -u; }
 
 # Raise the number when env/lib/root.sh makes a root differently from the same list.
 root_key() {

@@ -46,7 +46,9 @@ make_root() {
   local partial=$1.partial start=$SECONDS
   remove_tree "$partial" && remove_tree "$1" || fail "the environment cannot be made here"
   mkdir -p "$partial/tree"
-  say "making the environment, once: Debian $suite with FEniCSx, about 3 GB and 4 minutes"
+  local what="with FEniCSx, about 3 GB and 4 minutes"
+  [ "$list" = packages.txt ] || what="for FEniCSx from PyPI, about 1 GB and a minute"
+  say "making the environment, once: Debian $suite $what"
   say "in $1"
   scratch_folder >"$partial/scratch"
   if ! build "$partial/tree" "$(cat "$partial/scratch")"; then

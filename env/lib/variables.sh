@@ -31,7 +31,7 @@ set_variables() {
   export PATH=$project/env/bin:/usr/bin:/bin:/usr/sbin:/sbin
   export PYTHONPATH=$project PYTHONNOUSERSITE=1 LANG=C.UTF-8
   # JIT and other caches, warm at the next start; another suite's own are a folder of them.
-  export XDG_CACHE_HOME=$cache/cache${WOVENFAB_SUITE:+/$suite}
+  export XDG_CACHE_HOME=$cache/cache${WOVENFAB_SUITE:+/$WOVENFAB_SUITE}
   mkdir -p "$XDG_CACHE_HOME"
   export WOVENFAB_COMMIT=${WOVENFAB_COMMIT-$(commit)} # what results and pictures tell
   export OMP_NUM_THREADS=1           # MPI ranks share the cores; threads make MUMPS slower

@@ -13,6 +13,7 @@ from packaging.requirements import Requirement
 
 from tests.environment.conftest import PROJECT
 from tests.structure.test_layers import SOURCES, imports
+from wovenfab.lacking import GMSH_LIBRARIES
 
 LINES = (PROJECT / "env" / "packages.txt").read_text().splitlines()
 PACKAGES = [line.split("#")[0].strip() for line in LINES if line.split("#")[0].strip()]
@@ -52,14 +53,27 @@ def test_pip_is_asked_for_no_dependency() -> None:
 
 def test_what_the_wheel_says_it_needs_is_there_and_is_all_that_the_code_imports() -> None:
     project = tomllib.loads((PROJECT / "pyproject.toml").read_text())["project"]
-    extras = project["optional-dependencies"]
-    wanted = [Requirement(text) for extra in extras.values() for text in extra]
+    extras = {
+        name: [*map(Requirement, texts)] for name, texts in project["optional-dependencies"].items()
+    }
+    wheels = {one.name for one in extras["wheels"]}
+    assert wheels - {one.name for one in extras["needs"]} == {"dolfinx-solver-real"}
+    wanted = [one for name in ("needs", "cluster") for one in extras[name]]
     for one in wanted:
         assert one.specifier.contains(version(one.name), prereleases=True), one
     by_module = packages_distributions()
     used = {m.partition(".")[0] for path in SOURCES for m in imports(path)} - {"dask_jobqueue"}
     needed = {name.lower() for module in used for name in by_module.get(module, [])}
     assert needed - {one.name for one in wanted} <= PARTS | {"wovenfab"}
+
+
+def test_the_readme_installs_what_the_wheels_need() -> None:
+    listed = (PROJECT / "env" / "wheels.txt").read_text().splitlines()
+    packages = {line.split("#")[0].strip() for line in listed} - {"", "ca-certificates"}
+    readme = (PROJECT / "README.md").read_text()
+    (told,) = re.findall(r"^sudo apt-get install (.*?)$", readme.replace("\\\n", ""), re.M)
+    assert set(told.partition("#")[0].split()) == packages
+    assert set(GMSH_LIBRARIES.split()) < packages
 
 
 @pytest.mark.mpi

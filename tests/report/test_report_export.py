@@ -1,5 +1,6 @@
 """Exported fields are the stored ones; distances from a cloud of points are those of its points."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pyvista as pv
 
 from wovenfab.case import CaseError
 from wovenfab.cli.report import export_results
+from wovenfab.lacking import LackingError
 from wovenfab.measured.cloud import read_cloud
 from wovenfab.measured.layout import Layout
 from wovenfab.record.fields import StoredFields, read_fields
@@ -49,6 +51,14 @@ def test_exported_fields_are_read_back_as_they_were_stored(two: Path, tmp_path: 
             parts = {"": values} if flat else {"_x": values[:, 0], "_y": values[:, 1]}
             for part, column in parts.items():
                 np.testing.assert_array_equal(columns[f"{field}{part}{end}"], column)
+
+
+def test_a_run_that_is_exported_without_pyvista_asks_for_it(
+    two: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    with pytest.raises(LackingError, match="pip install pyvista"):
+        export_results(two, tmp_path, last=True)
 
 
 def test_times_are_chosen_by_time_displacement_and_number(two: Path) -> None:

@@ -77,6 +77,17 @@ def test_the_outline_is_the_edge_and_the_holes_only(hole: bool, lengths: list[fl
     np.testing.assert_allclose(sum(map(length, stretched)), 2 * sum(lengths), rtol=1e-6)
 
 
+def test_the_outline_does_not_depend_on_the_order_of_corners_and_cells() -> None:
+    mesh = sheet(hole=True)
+    rng = np.random.default_rng(3)
+    cells = rng.permutation(mesh.triangles)
+    turned = np.where(rng.random(len(cells))[:, None] < 0.5, cells[:, ::-1], cells)
+    lines = outline(Triangles(mesh.points, turned))
+    np.testing.assert_allclose(sorted(map(length, lines)), [4, 12], rtol=1e-6)
+    for line in lines:
+        np.testing.assert_allclose(line[0], line[-1], atol=1e-9)
+
+
 def test_a_field_on_yarns_is_interpolated_along_the_sides_of_triangles() -> None:
     mesh = sheet(hole=True)
     yarns = lay_yarns(mesh, RISING, 0.37)

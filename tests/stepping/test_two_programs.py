@@ -97,7 +97,7 @@ def test_steps_end_at_extra_times_and_are_about_as_long_as_before(sections: Any)
     assert 9.0 not in times
     assert planned_steps(case) == len(times) - 1 <= len(planned) + 1
     assert np.diff(times).max() <= np.diff(planned).max() + 1e-12
-    assert program.cycles == pytest.approx(before.cycles)
+    np.testing.assert_allclose(program.cycles, before.cycles, rtol=1e-6)
     for t in times:
         assert program.value(t) == pytest.approx(before.value(t), abs=1e-17)
         assert program.second(t) == pytest.approx(before.second(t), abs=1e-17)
@@ -127,7 +127,7 @@ def test_both_are_hit_exactly_and_the_shorter_one_stays() -> None:
         assert program.second(t) == pytest.approx(alone.value(t), abs=1e-17)
         assert program.value(t) == pytest.approx(other.value(t), abs=1e-17)
     assert program.second(3.0) == program.second(9.0) == 3e-3
-    assert program.cycles == pytest.approx(other.cycles)
+    np.testing.assert_allclose(program.cycles, other.cycles, rtol=1e-6)
     assert {round(t, 9) for t in program.reversals} == {round(t, 9) for t in other.reversals}
     jumps = [m.time for m in program.milestones if m.jump]
     assert jumps == pytest.approx([0.0, 1.0, 4 / 1.4])  # where the first begins to rest

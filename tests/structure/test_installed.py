@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+from wovenfab.parallel import child_environment
+
 ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 CASE = """\
@@ -108,6 +110,29 @@ def test_the_version_is_stated_once_and_the_same_installed_or_not(
         line = [sys.executable, "-m", "wovenfab", "--version"]
         settings = {**os.environ, "PYTHONPATH": str(place)}
         run = subprocess.run(line, env=settings, cwd=tmp_path, capture_output=True, text=True)
-        assert run.stdout == f"wovenfab {VERSION}\n"
-    others = [ROOT / name for name in ("Dockerfile", "CITATION.cff", "wovenfab/__init__.py")]
+        assert run.stdout.splitlines()[0] == f"wovenfab {VERSION}"
+    others = [ROOT / name for name in ("Dockerfile", "wovenfab/__init__.py")]
     assert [path.name for path in others if VERSION in path.read_text()] == []
+
+
+def test_the_version_is_told_with_those_of_what_computes() -> None:
+    line = [sys.executable, "-P", "-m", "wovenfab", "--version"]
+    told = subprocess.run(line, env=child_environment(), capture_output=True, text=True).stdout
+    names = (
+        rf"wovenfab {VERSION}",
+        r"dolfinx \d+\.\d+\.\d+",
+        r"PETSc \d+\.\d+ .*",
+        r"MPI: \w+.* \d\S*",
+    )
+    for line_, name in zip(told.splitlines(), names, strict=False):
+        assert re.match(name, line_), told
+
+
+def test_the_changelog_and_the_citation_are_of_this_version() -> None:
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    stated, date = (
+        re.findall(rf"^{key}: (\S+)$", citation, re.M) for key in ("version", "date-released")
+    )
+    assert stated == [VERSION] and len(date) == 1
+    assert f"## [{VERSION}] - {date[0]}\n" in changelog

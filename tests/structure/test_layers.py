@@ -11,6 +11,9 @@ ROOT = Path(__file__).parents[2]
 #: From the bottom up; a layer may use itself and what stands before it.
 LAYERS = (
     "forms",
+    "wovenfab.lacking",
+    "wovenfab.mpi",
+    "wovenfab.versions",
     "wovenfab.parallel",
     "wovenfab.compat",
     "wovenfab.case",

@@ -32,6 +32,7 @@ from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
 from wovenfab.case.errors import in_brief, one_of, refusal, wrong
+from wovenfab.lacking import LackingError
 
 #: Keys of an effect that are no parameters.
 RESERVED = (FILE, LAW)
@@ -212,7 +213,7 @@ def custom_effect_errors(scene: Scene) -> Iterator[None]:
     """
     try:
         yield
-    except (OSError, MemoryError):
+    except (OSError, MemoryError, LackingError):
         raise
     except (Exception, SystemExit) as error:
         files = ", ".join(e.file.name for e in scene if e.file)

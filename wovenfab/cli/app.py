@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import traceback
 from collections.abc import Callable
@@ -12,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from wovenfab import __version__
 from wovenfab.case import CaseError
 from wovenfab.cli.console import (
     BAD_INPUT,
@@ -21,6 +19,8 @@ from wovenfab.cli.console import (
     is_launched,
     prepare_streams,
 )
+from wovenfab.lacking import LackingError, module_is_missing
+from wovenfab.mpi import abort
 from wovenfab.simulation.progress import signal_behind
 
 _option = partial(typer.Option, show_default=False)
@@ -127,14 +127,21 @@ app = typer.Typer(
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"wovenfab {__version__}")
+        from wovenfab.versions import installed
+
+        found = installed()
+        petsc = found["petsc"]  # that of petsc4py, whose last number may be another one
+        typer.echo(f"wovenfab {found['wovenfab']}\ndolfinx {found['dolfinx']}")
+        typer.echo(f"PETSc {petsc.rpartition('.')[0]} (petsc4py {petsc})\nMPI: {found['mpi']}")
+        typer.echo(f"Python {found['python']}")
         raise typer.Exit
 
 
 @app.callback()
 def _options(
     version: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+        bool,
+        typer.Option("--version", callback=_version, is_eager=True, help="Print the versions."),
     ] = False,
 ) -> None:
     """Take the options that stand before a subcommand."""
@@ -448,6 +455,12 @@ def guarded(command: Callable[[], None]) -> None:
     except CaseError as error:
         console.problem(str(error))
         sys.exit(BAD_INPUT)
+    except LackingError as error:
+        console.problem(str(error))
+        sys.exit(BAD_INPUT)
+    except ModuleNotFoundError as error:
+        console.problem(module_is_missing(error))
+        sys.exit(BAD_INPUT)
     except Exception as error:
         if signal_behind(error):
             console.problem("interrupted")
@@ -455,8 +468,7 @@ def guarded(command: Callable[[], None]) -> None:
         # A fault of the program: say so, and take the other ranks down with this one.
         traceback.print_exc()
         print("wovenfab: this is a fault of the program; please report it.", file=sys.stderr)
-        if "mpi4py.MPI" in sys.modules and int(os.environ.get("OMPI_COMM_WORLD_SIZE", "1")) > 1:
-            sys.modules["mpi4py.MPI"].COMM_WORLD.Abort(1)
+        abort()
         sys.exit(1)
 
 

@@ -25,6 +25,7 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
+from wovenfab.mpi import on_ranks
 from wovenfab.parallel import end_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
@@ -57,7 +58,7 @@ def launch(ranks: int, arguments: Sequence[str]) -> int:
         received.append((number, now))
         process.send_signal(signal.SIGTERM if is_second else signal.SIGUSR1)
 
-    command = ["mpirun", "-n", str(ranks), sys.executable, "-P", "-m", "wovenfab", *arguments]
+    command = [*on_ranks(ranks), sys.executable, "-P", "-m", "wovenfab", *arguments]
     try:
         process = subprocess.Popen(
             command,
@@ -67,7 +68,10 @@ def launch(ranks: int, arguments: Sequence[str]) -> int:
             preexec_fn=end_with_parent,
         )
     except FileNotFoundError:
-        Console().problem("mpirun is not found: install Open MPI, or leave --ranks out")
+        Console().problem(
+            f"mpirun is neither in {Path(sys.executable).parent} nor in PATH: install the MPI that "
+            "dolfinx was built with, or leave --ranks out"
+        )
         return BAD_INPUT
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
         signal.signal(number, hand_on)

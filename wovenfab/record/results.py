@@ -21,6 +21,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
+from wovenfab.mpi import command_of, on_ranks
 from wovenfab.parallel import child_environment, on_root, world
 
 if TYPE_CHECKING:
@@ -82,11 +83,11 @@ def this_process(ranks: int = 1) -> Provenance:
         return Provenance(os.environ[COMMAND], commit)
     spec = getattr(sys.modules.get("__main__"), "__spec__", None)
     module = spec.name.removesuffix(".__main__") if spec else ""
-    program = ["python3", "-m", module] if module else [Path(sys.argv[0]).name]
-    if module == "wovenfab":
-        program = [module]
-    launcher = ["mpirun", "-n", str(ranks)] if ranks > 1 else []
-    return Provenance(shlex.join([*launcher, *program, *sys.argv[1:]]), commit)
+    program = ["python3", "-m", module]
+    if module in ("", "wovenfab"):
+        name = module or Path(sys.argv[0]).name
+        program = [command_of(name) or name]
+    return Provenance(shlex.join([*on_ranks(ranks), *program, *sys.argv[1:]]), commit)
 
 
 def of_summary(summary: Mapping[str, object]) -> Provenance | None:

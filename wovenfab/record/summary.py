@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import csv
 import json
-import platform
-import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +17,7 @@ from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import BiasExtension, index_of_peak, peak_force
 from wovenfab.record.results import this_process, write_csv, write_whole
+from wovenfab.versions import versions
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -209,18 +207,6 @@ def summarise(
     }
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of wovenfab, dolfinx, PETSc and Python."""
-    # not loaded here: that would wait for other ranks
-    petsc: Any = sys.modules.get("petsc4py.PETSc")
-    return {
-        "wovenfab": _version("wovenfab"),
-        "dolfinx": _version("fenics-dolfinx"),
-        "petsc": ".".join(map(str, petsc.Sys.getVersion())) if petsc else _version("petsc4py"),
-        "python": platform.python_version(),
-    }
-
-
 def write_summary(
     directory: str | Path, summary: Mapping[str, Any], comm: MPI.Comm | None = None
 ) -> None:
@@ -318,10 +304,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} has no place in the summary")
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # run from the source tree, perhaps
-        return str(getattr(sys.modules.get(package), "__version__", "unknown"))

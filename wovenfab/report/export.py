@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyvista as pv
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from wovenfab.case import units
+from wovenfab.lacking import load
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.results import rows_of, write_csv
 from wovenfab.report.run_data import RunData, origin_of
@@ -89,6 +89,7 @@ def export(stored: StoredFields, index: int, folder: Path) -> list[Path]:
 
     Each cell has points of its own, as in ``fields.xdmf``.
     """
+    pv = load("pyvista", "pyvista", "a VTU file")
     points = stored.points()
     space = np.column_stack([points, np.zeros(len(points))])
     grid = pv.UnstructuredGrid({pv.CellType.TRIANGLE: stored.triangles()}, space)

@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyvista as pv
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
 from wovenfab.record.field_file import FieldFile, polylines
 from wovenfab.record.fields import StoredFields
@@ -41,12 +43,6 @@ class Triangles:
     def length(self) -> float:
         """Longest side of the sheet (m)."""
         return float(np.ptp(self.points, axis=0).max())
-
-    def surface(self) -> pv.PolyData:
-        """Return the mesh as VTK's data."""
-        space = np.column_stack([self.points, np.zeros(len(self.points))])
-        faces = np.column_stack([np.full(len(self.triangles), 3), self.triangles])
-        return pv.PolyData(space, faces.ravel())
 
 
 @dataclass(frozen=True)
@@ -158,21 +154,51 @@ def material_lines(
 
 
 def outline(mesh: Triangles, displacement: Values | None = None) -> list[Polyline]:
-    """Return the edges of the sheet and of its holes, at rest or displaced, in m."""
-    surface = mesh.surface()
-    surface["displacement"] = np.zeros_like(mesh.points) if displacement is None else displacement
-    # one point of all that differ by rounding only
-    joined = surface.clean(tolerance=1e-9 * mesh.length, absolute=True, lines_to_points=False)
-    edges = joined.extract_feature_edges(
-        boundary_edges=True, feature_edges=False, non_manifold_edges=False, manifold_edges=False
+    """Return the edges of the sheet and of its holes, at rest or displaced, in m.
+
+    Each is a polyline that ends where it began, or where it would meet another one.
+    """
+    moved = mesh.points if displacement is None else mesh.points + displacement
+    one = _same_points(mesh)
+    (ax, ay), (bx, by) = (
+        np.diff(mesh.points[mesh.triangles[:, [0, i]]], axis=1)[:, 0].T for i in (1, 2)
     )
-    chains = edges.strip(join=True, max_length=10**7)
-    moved = np.asarray(chains.points[:, :2] + chains["displacement"], dtype=np.float64)
-    chained, rest = [], chains.lines  # size and points of each, one after the other
-    while len(rest):
-        chained.append(moved[rest[1 : rest[0] + 1]])
-        rest = rest[rest[0] + 1 :]
-    return chained
+    turned = np.where((ax * by < ay * bx)[:, None], mesh.triangles[:, ::-1], mesh.triangles)
+    sides = turned[:, _SIDES].reshape(-1, 2)  # counter-clockwise: edges follow each other
+    ends = np.sort(one[sides], axis=1)
+    _, first, count = np.unique(ends, axis=0, return_index=True, return_counts=True)
+    alone = sides[first[count == 1]]  # sides of one triangle only
+    return [moved[chain] for chain in _chains(alone, one)]
+
+
+def _same_points(mesh: Triangles) -> Numbers:
+    """Return for each point the number of its place, which those have that differ by rounding."""
+    pairs = KDTree(mesh.points).query_pairs(1e-9 * mesh.length, output_type="ndarray")
+    size = len(mesh.points)
+    near = coo_array((np.ones(len(pairs), dtype=bool), pairs.T), shape=(size, size))
+    places: Numbers = connected_components(near, directed=False)[1].astype(np.int64)
+    return places
+
+
+def _chains(sides: Numbers, places: Numbers) -> list[Numbers]:
+    """Return points in the order in which sides, shape (n, 2), follow each other."""
+    at: dict[int, list[int]] = {}
+    for number, start in enumerate(places[sides[:, 0]]):
+        at.setdefault(int(start), []).append(number)
+    chains, left = [], set(range(len(sides)))
+    while left:
+        number = min(left)
+        chain = [sides[number, 0]]
+        while True:
+            left.discard(number)
+            at[int(places[sides[number, 0]])].remove(number)
+            chain.append(sides[number, 1])
+            following = at.get(int(places[sides[number, 1]]))
+            if not following:
+                break
+            number = following[0]
+        chains.append(np.array(chain))
+    return chains
 
 
 def displacements(stored: StoredFields) -> list[str]:

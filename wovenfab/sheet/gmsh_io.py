@@ -14,6 +14,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.lacking import load
 from wovenfab.sheet.sheet import GeometryError, name_facets, rectangle_outline, triangle_mesh
 
 Array = NDArray[np.float64]
@@ -39,9 +40,9 @@ def with_gmsh[T](build: Callable[[Any], T], what: str) -> T:
 
     Raises:
         GeometryError: gmsh fails.
+        LackingError: gmsh, or a library that it needs, is missing.
     """
-    import gmsh  # here because it costs time that most scenes need not pay
-
+    gmsh = load("gmsh", "gmsh", "a mesh that does not follow the fibres of a rectangle")
     failed = False
     _start(gmsh)
     try:

@@ -21,7 +21,6 @@ from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from itertools import chain
 from math import inf
 from pathlib import Path
@@ -32,6 +31,7 @@ from typing import Any
 import forms
 import wovenfab
 from wovenfab.case import Case, Rectangle, Table
+from wovenfab.mpi import on_ranks
 from wovenfab.parallel import PYTHON_PATHS, child_environment, end_with_parent
 from wovenfab.record.results import (
     INPUT,
@@ -42,10 +42,11 @@ from wovenfab.record.results import (
     outcome_of,
     write_whole,
 )
+from wovenfab.versions import dolfinx
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *("parallel", "compat", "case", "sheet"),
+    *("lacking", "mpi", "versions", "parallel", "compat", "case", "sheet"),
     *("model", "solver", "stepping", "record", "simulation"),
 )
 #: Seconds between two looks at the running processes.
@@ -134,7 +135,7 @@ def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
         started = time.monotonic()
         with output.open("wb") as out, errors.open("wb") as err:
             process = subprocess.Popen(
-                [*_launcher(command.ranks), sys.executable, *command.arguments, *more],
+                [*on_ranks(command.ranks), sys.executable, *command.arguments, *more],
                 env=_environment(command),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
@@ -153,10 +154,6 @@ def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
         code, texts = process.wait(), (_text(output), _text(errors))
         failure = f"no end within {command.limit:g} s" if late else _failure(code, *texts)
         return Ended(code, *texts, time.monotonic() - started, failure)
-
-
-def _launcher(ranks: int) -> list[str]:
-    return ["mpirun", "-n", str(ranks)] if ranks > 1 else []
 
 
 def _environment(command: Command) -> dict[str, str]:
@@ -343,7 +340,7 @@ def code(*sources: Path) -> str:
     computing = [top / name for name in COMPUTING]
     paths = [Path(forms.__file__).parent, *computing, *(p.with_suffix(".py") for p in computing)]
     files = [p for path in (*paths, *sources) for p in (path, *path.rglob("*.py")) if p.is_file()]
-    return _digest("\0".join([*map(_code_of, sorted(files)), _dolfinx()]))
+    return _digest("\0".join([*map(_code_of, sorted(files)), dolfinx()]))
 
 
 def _digest(text: str) -> str:
@@ -374,10 +371,3 @@ def case_files(case: Case) -> list[Path]:
 
 def _content(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
-
-
-def _dolfinx() -> str:
-    try:
-        return version("fenics-dolfinx")
-    except PackageNotFoundError:
-        return "unknown"

@@ -1,0 +1,104 @@
+"""What is missing on a machine is told in one message with its remedy, on one rank and on two."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from wovenfab.lacking import GMSH_LIBRARIES
+from wovenfab.mpi import on_ranks
+from wovenfab.parallel import child_environment
+
+CASE = """\
+sheet: {length: 0.9 m, width: 0.3 m, fibres: [45 deg, -45 deg]}
+effects: {stretch: {stiffness: 1.27e8 N/m}, shear: {stiffness: 400 N/m}}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: ramp, to: 40 mm, steps: 1}
+discretisation: {degree: 2, mesh_size: 150 mm}
+"""
+#: A compiler that finds no header of Python.
+NO_HEADERS = """\
+#!/bin/sh
+for word; do case $word in *.c) file=$word ;; esac; done
+if grep -q Python.h "$file"; then
+  echo "$file:1:10: fatal error: Python.h: No such file or directory" >&2; exit 1
+fi
+exec cc "$@"
+"""
+#: A compiler that cannot link.
+NO_LIBRARY = """\
+#!/bin/sh
+case " $* " in *" -c "*) exec cc "$@" ;; esac
+echo "ld: cannot find crt1.o: No such file or directory" >&2; exit 1
+"""
+
+
+def run(
+    folder: Path, *arguments: str, ranks: int = 1, **variables: str
+) -> subprocess.CompletedProcess[str]:
+    """Run the case in a folder with an empty cache of compiled forms."""
+    (folder / "case.yaml").write_text(CASE)
+    environment = child_environment()
+    if ranks > 1:
+        environment = {**os.environ, "PYTHONPATH": environment["PYTHONPATH"]}
+    if "PYTHONPATH" in variables:
+        variables["PYTHONPATH"] += os.pathsep + environment["PYTHONPATH"]
+    environment |= {"XDG_CACHE_HOME": str(folder / "cache"), **variables}
+    command = [*on_ranks(ranks), sys.executable, "-P", "-m", "wovenfab", "run", "case.yaml"]
+    return subprocess.run(
+        [*command, *arguments], cwd=folder, env=environment, capture_output=True, text=True,
+        timeout=120,
+    )  # fmt: skip
+
+
+def told(ended: subprocess.CompletedProcess[str], folder: Path) -> str:
+    """Return the only message of a run that could not begin, which wrote nothing."""
+    said = [line for line in ended.stderr.splitlines() if line.startswith("wovenfab: ")]
+    assert ended.returncode == 2, ended.stderr
+    assert len(said) == 1 and "Traceback" not in ended.stderr, ended.stderr
+    assert not (folder / "results" / "case" / "history.csv").exists()
+    return said[0]
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_compiler_that_is_not_there(ranks: int, tmp_path: Path) -> None:
+    assert "no-such-cc" in told(run(tmp_path, ranks=ranks, CC="no-such-cc"), tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("compiler", "missing"),
+    [(NO_HEADERS, "python3-dev"), (NO_LIBRARY, "libc6-dev")],
+    ids=["no-headers", "no-library"],
+)
+def test_a_compiler_without_headers_or_libraries(
+    compiler: str, missing: str, tmp_path: Path
+) -> None:
+    command = tmp_path / "half-cc"
+    command.write_text(compiler)
+    command.chmod(0o755)
+    assert missing in told(run(tmp_path, CC=str(command)), tmp_path)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_gmsh_without_a_library_of_the_system(ranks: int, tmp_path: Path) -> None:
+    missing = "libGLU.so.1: cannot open shared object file: No such file or directory"
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / "gmsh.py").write_text(f"raise OSError({missing!r})\n")
+    mesh = ("--set", "discretisation.mesh=unstructured")
+    said = told(run(tmp_path, *mesh, ranks=ranks, PYTHONPATH=str(modules)), tmp_path)
+    assert missing in said and GMSH_LIBRARIES in said
+
+
+@pytest.mark.parametrize("module", ["typer", "ufl", "mpi4py", "dolfinx"])
+def test_a_module_that_is_not_installed(module: str, tmp_path: Path) -> None:
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    absent = f"raise ModuleNotFoundError(\"No module named '{module}'\", name='{module}')\n"
+    (modules / f"{module}.py").write_text(absent)
+    said = told(run(tmp_path, PYTHONPATH=str(modules)), tmp_path)
+    assert module in said and "wovenfab[wheels]" in said
