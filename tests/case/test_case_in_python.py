@@ -45,7 +45,7 @@ def _refusal(**sections: Any) -> list[str]:
     [
         {},
         {"sheet": Rectangle(length="0.9 m", width=0.3, fibres=("45 deg", "-45 deg"))},
-        {"program": Cycles(amplitudes=("20 mm", 0.04), max_velocity="0.5 m/s")},
+        {"program": Cycles(amplitudes=("20 mm", "0.04 m"), max_velocity="0.5 m/s")},
         {"program": (Cycles(amplitudes=["20 mm", "40 mm"], max_velocity=0.5),)},
         {"boundary": {"left": EdgeCondition(clamp="placement"),
                       "right": (EdgeCondition(displacement=("program", 0)),)}},

@@ -138,7 +138,7 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
             ":5: time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'.",
         ),
         (
-            "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1, 2 N]",
+            "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1 N/m, 2 N]",
             ":3: effects.shear.stiffness: expected a force per length such as '400 N/m', got 'N'",
         ),
     ],

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
+from wovenfab.case import units
 from wovenfab.case.document import (
     Document,
     Place,
@@ -22,7 +23,7 @@ from wovenfab.case.document import (
     read_document,
 )
 from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
-from wovenfab.case.quantities import OneOr, Section
+from wovenfab.case.quantities import OneOr, Section, Several
 
 #: ``Problem.file`` of what the command line varies.
 OVER = "--over"
@@ -79,15 +80,19 @@ def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
     """Return a variation for each value of a key.
 
     Raises:
-        CaseError: There is no value.
+        CaseError: There is no value, or only some have units.
     """
     if not values:
         raise refusal(place.file, "no value is given", line=place.line, key=key)
+    if problem := units.mixed(values):
+        raise refusal(place.file, *problem, place.line, key)
     return [Variation({key: value}, {key: place}, axes=(key,)) for value in values]
 
 
 def read_over(text: str) -> list[Variation]:
     """Return the axis of ``key=value,value``, as the command line has it.
+
+    As in a text such as ``20, 40 mm``, a unit that only the last value has serves for all.
 
     Raises:
         CaseError: The text is something else.
@@ -100,7 +105,7 @@ def read_over(text: str) -> list[Variation]:
         given = parse_document(f"[{values}]", OVER).data
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key) for p in error.problems) from error
-    return axis(key, given, Place(OVER, None))
+    return axis(key, units.with_last_unit(given), Place(OVER, None))
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
@@ -147,7 +152,7 @@ class _Sweep(Section):
     ] = Field(examples=["bias-1x3.yaml"])
     """Case file, relative to this one, or a list of them."""
 
-    over: Mapping[str, list[Any]] = Field(
+    over: Mapping[str, Annotated[list[Any], Several()]] = Field(
         default={}, examples=[{"effects.slip_friction.slope": ["70 s/m", "700 s/m"]}]
     )
     """Values of each key; all combinations are run."""
