@@ -13,7 +13,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wovenfab.case import Case, CaseError, json_schema, read_case
-from wovenfab.case.quantities import Section
 from wovenfab.case.schema import Zone
 from wovenfab.study.variations import read_over, read_sweep_file
 
