@@ -16,7 +16,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     __version__: str
     from wovenfab.case import Case, CaseError, read_case
-    from wovenfab.interface import History, Run, SolvedStep, read_results, simulate, steps
+    from wovenfab.interface import (
+        History,
+        Run,
+        SolvedStep,
+        StepOverError,
+        read_results,
+        simulate,
+        steps,
+    )
 
 __all__ = [
     "Case",
@@ -24,6 +32,7 @@ __all__ = [
     "History",
     "Run",
     "SolvedStep",
+    "StepOverError",
     "__version__",
     "read_case",
     "read_results",

@@ -105,6 +105,24 @@ def choose(
     return chosen
 
 
+def settled(case: Case, comm: MPI.Comm, say: Callable[[str], None]) -> tuple[Case, Sheet]:
+    """Return a case with the elements and steps for its accuracy, if it has one; collective.
+
+    Args:
+        case: The case.
+        comm: The ranks.
+        say: Gets messages.
+
+    Returns:
+        The case without an accuracy, and its sheet.
+    """
+    sheet = sheet_of(case, comm)
+    if case.accuracy is None:
+        return case, sheet
+    chosen = choose(case, sheet, say, logger.debug)
+    return chosen.case, chosen.sheet
+
+
 def _is_known(estimate: Estimate) -> bool:
     """Return whether the steps were judged by all figures that the elements have."""
     return estimate.time is None or set(estimate.space) <= set(estimate.time)
