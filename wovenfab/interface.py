@@ -28,7 +28,7 @@ from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
 from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
-from wovenfab.simulation.checkpoint import load_checkpoint, require_same
+from wovenfab.simulation.checkpoint import load_checkpoint, require_same, require_same_mesh
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
@@ -273,6 +273,8 @@ def execute(
                 place.require_free(overwrite)
         with watch.phase("mesh"):
             sheet = sheet_of(case, comm)
+        if checkpoint is not None and directory is not None:
+            require_same_mesh(sheet, checkpoint, directory)
         progress, planned = listener.progress, None
         errors = checkpoint.values["run"]["errors"] if checkpoint else None
         if case.accuracy is not None:

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
 from wovenfab.stepping.program import planned_steps
 from wovenfab.study.cluster import Cluster, command_of, take
-from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
+from wovenfab.study.runner import Command, Ended, execute_all
 from wovenfab.study.variations import OVER, Variation
 
 
