@@ -315,7 +315,7 @@ def test_another_mesh_by_an_included_file_is_refused(
         run(plate(tmp_path, f"discretisation.mesh={mesh}"), tmp_path / "run", resume=True)
     assert before == {p: p.read_bytes() for p in before}
     start = {"from_state": str(tmp_path / "run")}
-    with pytest.raises(CaseError, match="from_state: .* has another sheet"):
+    with pytest.raises(CaseError, match=r"from_state: .* has another sheet"):
         run(plate(tmp_path, f"discretisation.mesh={mesh}").changed(start), tmp_path / "other")
     (tmp_path / "size.geo").write_text("l = 0.3;\n")
     assert run(plate(tmp_path, f"discretisation.mesh={mesh}"), tmp_path / "run", resume=True)

@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from threading import Event
 from typing import Any
 
-from wovenfab.parallel import PYTHON_PATHS, child_environment, end_with_parent
+from wovenfab.parallel import PYTHON_PATHS, child_environment, ending_with_parent
 from wovenfab.record.results import (
     INPUT,
     INTERRUPTED,
@@ -120,14 +120,15 @@ def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
         started = time.monotonic()
         with output.open("wb") as out, errors.open("wb") as err:
             process = subprocess.Popen(
-                [*_launcher(command.ranks), sys.executable, *command.arguments, *more],
+                ending_with_parent(
+                    [*_launcher(command.ranks), sys.executable, *command.arguments, *more]
+                ),
                 env=_environment(command),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=subprocess.STDOUT if log else err,
                 start_new_session=True,
-                preexec_fn=end_with_parent,
             )
         late = False
         while process.poll() is None and not late:

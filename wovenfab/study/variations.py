@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -122,6 +123,33 @@ def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
+#: Files that a sweep writes beside the folders of its runs, and the end of those of each run.
+BESIDE = ("sweep.csv", "overlay.png", "overlay.svg", "choices.jsonl", "comparison.html")
+LOG = ".log"
+#: Characters of the longest name of a folder, with a margin to what file systems take.
+LONGEST = 200
+RENAME = "Give it another name, in sweep files under runs."
+
+
+def folder_of_run(label: str) -> str:
+    """Return the label of a run as the name of its folder.
+
+    Raises:
+        ValueError: It would be no folder of its own in that of the sweep.
+    """
+    words = label.replace(": ", "-").replace(" ", "")
+    name = re.sub(r"[^\w.,=+-]+", "_", words).strip("_")
+    if not name.strip("."):
+        raise ValueError(f"{label!r} is no name for a folder")
+    if name.startswith("."):
+        raise ValueError(f"{label!r} would be a hidden folder")
+    if name.casefold() in BESIDE or name.casefold().endswith(LOG):
+        raise ValueError(f"{label!r} is the name of a file that the sweep writes")
+    if len(name.encode()) > LONGEST:
+        raise ValueError(f"{label[:40]!r}... is too long for the name of a folder")
+    return name
+
+
 #: The key that makes a file a sweep file.
 CASE = "case"
 
@@ -194,4 +222,8 @@ def _named(name: str, values: Mapping[str, Any], document: Document) -> Variatio
     if not values:
         path = ("runs", name)
         raise CaseError([document.problem(path, "no value is given", "Name what is varied.")])
+    try:
+        folder_of_run(name)
+    except ValueError as error:
+        raise CaseError([document.problem(("runs", name), str(error), RENAME)]) from error
     return Variation(values, {key: document.places["runs", name, key] for key in values}, name)
