@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from wovenfab.case import Case, read_case
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.results import markdown
 from wovenfab.record.summary import read_summary
 from wovenfab.simulation.response import NOTHING
@@ -29,17 +30,12 @@ from wovenfab.study.runner import (
     Store,
     execute,
     execute_all,
-    fingerprint,
     here,
 )
 from wovenfab.study.target_accuracy.choice import slowness
 from wovenfab.study.target_accuracy.time_steps import ALMOST
 
 ROOT = Path(__file__).parents[1]
-#: What chooses elements and steps, and what decides how far they lead.
-CHOOSING = tuple(f"study/target_accuracy/{n}" for n in ("plan", "trials", "time_steps", "estimate"))
-LEADING = ("model/memory", "sheet/aligned", "solver/point_friction")
-SOURCES = [ROOT / "wovenfab" / f"{name}.py" for name in CHOOSING + LEADING]
 RESULTS = Path("results") / "random"
 COUNT, SEED, FINER_COUNT = 100, 1, 100
 ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2
@@ -363,8 +359,8 @@ def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, 
 
 
 def key_of(number: int, seed: int, folder: Path, accuracy: float) -> str:
-    """Return a mark of what a row depends on: the scene and the sources that matter most."""
-    return fingerprint(read_case(scene(number, seed, folder, accuracy)), *SOURCES)
+    """Return a mark of what a row depends on: the scene and the code."""
+    return fingerprint(read_case(scene(number, seed, folder, accuracy)))
 
 
 def _keep(store: Store, name: str, key: str, made: Row) -> None:

@@ -19,7 +19,15 @@ from wovenfab.mpi import MpiFirst
 if TYPE_CHECKING:
     __version__: str
     from wovenfab.case import Case, CaseError, read_case
-    from wovenfab.interface import History, Run, SolvedStep, read_results, simulate, steps
+    from wovenfab.interface import (
+        History,
+        Run,
+        SolvedStep,
+        StepOverError,
+        read_results,
+        simulate,
+        steps,
+    )
 
 __all__ = [
     "Case",
@@ -27,6 +35,7 @@ __all__ = [
     "History",
     "Run",
     "SolvedStep",
+    "StepOverError",
     "__version__",
     "read_case",
     "read_results",

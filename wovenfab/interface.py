@@ -11,6 +11,7 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
@@ -27,7 +28,7 @@ from wovenfab.case import Case, CaseError, read_case
 from wovenfab.record.history import read_history
 from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
-from wovenfab.simulation.checkpoint import load_checkpoint, require_same
+from wovenfab.simulation.checkpoint import load_checkpoint, require_same, require_same_mesh
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
@@ -39,13 +40,17 @@ if TYPE_CHECKING:
 
     from wovenfab.record.fields import StoredFields
 
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
+#: Beginning of a message that is a warning.
+WARNING = "warning: "
 __all__ = [
     "Case",
     "CaseError",
     "History",
     "Run",
     "SolvedStep",
+    "StepOverError",
     "read_case",
     "read_results",
     "simulate",
@@ -136,6 +141,10 @@ class Run:
         )
 
 
+class StepOverError(RuntimeError):
+    """A step is asked for fields after the simulation has gone on to another one."""
+
+
 @dataclass(frozen=True)
 class SolvedStep(Step):
     """An accepted step while its fields are at hand: until the loop goes on.
@@ -153,9 +162,13 @@ class SolvedStep(Step):
         With one placement both are the same. The functions share the memory of the solver:
         copy what must outlive the step. Placements that jump have their own unknowns on both
         sides.
+
+        Raises:
+            StepOverError: If the simulation is at another step.
         """
         from dolfinx import fem
 
+        self._require_present()
         model = self.simulation.model
         first, second = (fem.Function(s, model.field.x) for s in model.placements.families)
         return first, second
@@ -168,10 +181,20 @@ class SolvedStep(Step):
 
         Raises:
             KeyError: If the effects of the case give it no meaning.
+            StepOverError: If the simulation is at another step.
         """
+        self._require_present()
         from wovenfab.model.fields import interpolated
 
         return interpolated(self.simulation.model, name)
+
+    def _require_present(self) -> None:
+        now = self.simulation.stepper.number
+        if now != self.number:
+            raise StepOverError(
+                f"step {self.number} is over: the fields are those of step {now}. Ask for them "
+                "within the loop over steps(), and copy what must outlive the step"
+            )
 
 
 @dataclass(frozen=True)
@@ -250,6 +273,8 @@ def execute(
                 place.require_free(overwrite)
         with watch.phase("mesh"):
             sheet = sheet_of(case, comm)
+        if checkpoint is not None and directory is not None:
+            require_same_mesh(sheet, checkpoint, directory)
         progress, planned = listener.progress, None
         errors = checkpoint.values["run"]["errors"] if checkpoint else None
         if case.accuracy is not None:
@@ -318,7 +343,8 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
     """Yield the initial state and each accepted step of a case; collective.
 
     Args:
-        case: A case, or its file.
+        case: A case, or its file; for an accuracy its elements and steps are chosen as by
+            :func:`simulate`, and what is chosen or not reached is logged.
         comm: The ranks; all unless given.
 
     Raises:
@@ -326,12 +352,19 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
+    from wovenfab.study.target_accuracy.choice import settled
+
     chosen = read_case(case) if isinstance(case, str | Path) else case
-    sheet = sheet_of(chosen, comm or MPI.COMM_WORLD)
+    chosen, sheet = settled(chosen, comm or MPI.COMM_WORLD, _log_warning)
     with Simulation(chosen, sheet) as simulation:
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)
+
+
+def _log_warning(text: str) -> None:
+    if text.startswith(WARNING):
+        logger.warning(text.removeprefix(WARNING))
 
 
 def read_results(directory: str | Path) -> Run:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ctypes
+import errno
+import fcntl
 import os
 import pickle
 import signal
+import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TextIO
 
 from wovenfab.mpi import load
 
@@ -140,3 +143,48 @@ def end_with_parent() -> None:
     """
     if _PRCTL:
         _PRCTL(_PARENT_ENDS, signal.SIGTERM)
+
+
+#: A program that becomes another one, which ends as with :func:`end_with_parent`: the system keeps
+#: that over exec(2). Signals that Python ignores are again as they were.
+_BECOMING = f"""
+import ctypes, os, signal, sys
+prctl = getattr(ctypes.CDLL(None), "prctl", None)
+if prctl:
+    prctl({_PARENT_ENDS}, signal.SIGTERM)
+    if os.getppid() != int(sys.argv[1]):
+        sys.exit("the process that started this one has ended")
+for name in ("SIGPIPE", "SIGXFSZ"):
+    signal.signal(getattr(signal, name), signal.SIG_DFL)
+try:
+    os.execvp(sys.argv[2], sys.argv[2:])
+except OSError as error:
+    sys.exit(f"{{sys.argv[2]}} cannot be started: {{error.strerror}}")
+"""
+
+
+def ending_with_parent(command: Sequence[str]) -> list[str]:
+    """Return a command that runs another one, which ends as with :func:`end_with_parent`.
+
+    Unlike a function that runs between fork and exec it is safe where this process has threads.
+    """
+    return [sys.executable, "-I", "-S", "-c", _BECOMING, str(os.getpid()), *command]
+
+
+#: What a file system says that has no locks.
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EINVAL)
+
+
+def lock(file: TextIO, operation: int) -> bool:
+    """Lock an open file by flock(2), and return whether its file system has locks at all.
+
+    Raises:
+        BlockingIOError: Another process has it, and ``operation`` says not to wait.
+    """
+    try:
+        fcntl.flock(file, operation)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            raise
+        return False
+    return True

@@ -24,6 +24,7 @@ from wovenfab.case import (
     read_case,
 )
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 #: What example.yaml says.
 SECTIONS: dict[str, Any] = {
     "title": "Bias extension",
@@ -45,7 +46,7 @@ def _refusal(**sections: Any) -> list[str]:
     [
         {},
         {"sheet": Rectangle(length="0.9 m", width=0.3, fibres=("45 deg", "-45 deg"))},
-        {"program": Cycles(amplitudes=("20 mm", 0.04), max_velocity="0.5 m/s")},
+        {"program": Cycles(amplitudes=("20 mm", "0.04 m"), max_velocity="0.5 m/s")},
         {"program": (Cycles(amplitudes=["20 mm", "40 mm"], max_velocity=0.5),)},
         {"boundary": {"left": EdgeCondition(clamp="placement"),
                       "right": (EdgeCondition(displacement=("program", 0)),)}},
@@ -127,3 +128,40 @@ def test_a_changed_case_is_checked_again_and_keeps_its_origin(
     with pytest.raises(CaseError, match=r"^--set time.scheme: expected"):
         case.changed({"time.scheme": "x"})
     assert Case(**SECTIONS).changed("sheet.length=2 m").sheet.length == 2
+
+
+@pytest.mark.parametrize("name", ["bias-1x3", "biaxial", "coulomb", "programs/measured"])
+def test_a_copy_with_other_sections_stays_so_when_it_is_changed(name: str) -> None:
+    case, other = (read_case(CONFIGS / f"{n}.yaml") for n in (name, "probes-1x3"))
+    steps = case.time.model_copy(update={"steps_per_cycle": 24})
+    sections: dict[str, Any] = {
+        "time": steps,
+        "solver": case.solver.model_copy(update={"tolerance": 1e-7}),
+        "discretisation": case.discretisation.model_copy(update={"degree": 2}),
+        "program": (Ramp(to=0.01, steps=7, velocity=0.1),),
+        "second_program": None,
+        "output": other.output,
+        "title": "another",
+    }
+    for section, value in sections.items():
+        copy = case.model_copy(update={section: value})
+        again = copy.changed()
+        assert getattr(again, section) == value == getattr(copy, section)
+        assert again == copy
+        assert copy.changed("title=more") == again.changed({"title": "more"})
+        assert case.changed() == case
+    copy = case.model_copy(update=sections)
+    assert copy.changed("output.every=7").output.every == 7
+    assert copy.changed("output.every=7").time == steps
+    if case.path is not None:
+        assert read_case(case.path, copy.overrides) == copy
+
+
+def test_a_copy_without_its_accuracy_does_not_get_it_back() -> None:
+    case = read_case(CONFIGS / "elastic-1x3.yaml", ["accuracy=1 %", "discretisation=null"])
+    chosen = case.discretisation.model_copy(update={"degree": 4, "mesh_size": 0.05})
+    copy = case.model_copy(update={"accuracy": None}).model_copy(update={"discretisation": chosen})
+    again = copy.changed("output.every=7")
+    assert again.accuracy is None and again.discretisation == chosen
+    with pytest.raises(CaseError, match=r"discretisation\.degree: is chosen by the program"):
+        copy.changed("accuracy=1 %")

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import math
 import re
+import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -80,6 +84,44 @@ def test_no_unit_passes_for_another(one: str, other: str) -> None:
 def test_what_is_no_length_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"."):
         units.parse(text, "m")
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["9**9**9**9", "9^9^9^9", "(9**9**9**9)*m", "m*(9**9**9**9)", "m**9**9**9**9", "m^(9^9^9^9)",
+     "(m**9)**9**9**9", "m*9**9**9**9", "m/9**9**9**9", "m" * 999],
+)  # fmt: skip
+def test_no_power_is_computed_that_takes_for_ever(text: str) -> None:
+    """Any text that stands where a unit may be, such as in the header of a measured file."""
+    for read in (units.in_si, partial(units.parse, unit="m"), partial(units.parse_in, unit=1.0)):
+        with ended_after(2.0), pytest.raises(ValueError, match=r"."):
+            read(text)
+    with ended_after(2.0):
+        assert not units.measures(f"1 {text}", "N")
+
+
+def test_a_parameter_may_have_a_broken_power_as_unit() -> None:
+    assert units.in_si("N/mm^1.5")[0] == pytest.approx(1e3**1.5)
+
+
+class TookTooLongError(BaseException):
+    """Not caught where any exception of pint is."""
+
+
+@contextmanager
+def ended_after(seconds: float) -> Iterator[None]:
+    """Fail what takes longer."""
+
+    def end(*_: object) -> None:
+        raise TookTooLongError
+
+    former = signal.signal(signal.SIGALRM, end)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, former)
 
 
 @given(text=st.text(max_size=20), unit=st.sampled_from(sorted(units.KINDS)))

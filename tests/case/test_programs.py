@@ -15,7 +15,6 @@ from wovenfab.case import CaseError, read_case
 from wovenfab.case.samples import thinned
 from wovenfab.cli.check import check_case
 from wovenfab.stepping.program import program_of_case
-from wovenfab.study.variations import read_over
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 READY = sorted((CONFIGS / "programs").glob("*.yaml"))
@@ -33,13 +32,13 @@ def test_ready_programs_are_valid_and_begin(path: Path, capsys: pytest.CaptureFi
 
 
 def test_cycles_repeat_at_each_frequency_or_velocity() -> None:
-    text = "program={type: cycles, amplitudes: [20, 40 mm], repeat: 2, %s}"
-    case = read_case(BIAS, [text % "frequency: [1, 2 Hz]"])
+    text = "program={type: cycles, amplitudes: '20, 40 mm', repeat: 2, %s}"
+    case = read_case(BIAS, [text % "frequency: '1, 2 Hz'"])
     turns = [(a, t) for t in (1.0, 0.5) for _ in (1, 2) for a in (0.02, 0.04)]
     assert list(case.program[0].turns()) == turns  # type: ignore[union-attr]
     assert len(program_of_case(case).cycles) == 8
     assert case.planned_steps == len(program_of_case(case).milestones) - 1 == 8 * 80
-    case = read_case(BIAS, [text % "max_velocity: [0.1, 0.5 m/s]"])
+    case = read_case(BIAS, [text % "max_velocity: '0.1, 0.5 m/s'"])
     periods = [end - start for start, end in program_of_case(case).cycles]
     expected = [pi * a / v for v in (0.1, 0.5) for _ in (1, 2) for a in (0.02, 0.04)]
     assert periods == pytest.approx(expected)
@@ -128,16 +127,6 @@ def test_a_thinned_table_says_what_is_left_and_its_pieces_are_divided() -> None:
 def test_what_is_probably_not_meant_is_asked_back(change: str, told: str) -> None:
     (line,) = read_case(BIAS, [change]).remarks()
     assert line.startswith("warning: --set ") and told in line
-
-
-def test_a_unit_at_the_end_of_a_list_serves_for_all() -> None:
-    assert read_case(BIAS, ["program.amplitudes=[20, 40 mm]"]) == read_case(
-        BIAS, ["program.amplitudes=[20 mm, 40 mm]"]
-    )
-    values = [variation.values for variation in read_over("sheet.length=200,300 mm")]
-    assert values == [{"sheet.length": "200 mm"}, {"sheet.length": "300 mm"}]
-    with pytest.raises(CaseError, match=r"--over sheet.length: 300 has no unit, but others have"):
-        read_over("sheet.length=200 mm,300")
 
 
 @pytest.mark.parametrize(

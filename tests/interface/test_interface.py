@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +13,8 @@ from mpi4py import MPI
 
 import wovenfab
 from wovenfab.record.results import ResultsExistError
+from wovenfab.study import effects
+from wovenfab.study.effects import Cost, parameters_of, sensitivities, study
 
 ROOT = Path(__file__).parents[2]
 SMALL = {
@@ -79,6 +84,58 @@ def test_steps_come_with_their_fields(case: wovenfab.Case, run: wovenfab.Run) ->
     assert slips[0] == 0 and np.all(np.diff(slips) > 0)
     with pytest.raises(KeyError, match="no field 'slip', but displacement_1"):
         step.field("slip")
+
+
+def test_a_step_that_is_over_has_no_fields(case: wovenfab.Case) -> None:
+    before = None
+    for step in wovenfab.steps(case):
+        if before is not None:
+            told = f"step {before.number} is over: the fields are those of step {step.number}"
+            with pytest.raises(wovenfab.StepOverError, match=told):
+                before.field("beta")
+            with pytest.raises(wovenfab.StepOverError, match=told):
+                _ = before.displacements
+        before = step
+    assert before is not None and before.field("beta").x.array.max() > 0
+
+
+def test_an_accuracy_is_obeyed_by_whatever_makes_steps(tmp_path: Path) -> None:
+    """The same elements and steps for a run, for a loop, for derivatives and for effects."""
+    case = wovenfab.read_case(
+        ROOT / "configs" / "elastic-1x3.yaml",
+        ["accuracy=5 %", "discretisation=null", "program={type: ramp, to: 20 mm, steps: 2}"],
+    )
+    run = wovenfab.simulate(case)
+    unknowns = run.summary["unknowns"]
+    assert "accuracy" in run.summary
+    forces = []
+    for step in wovenfab.steps(case):
+        forces.append(step.force)
+        assert step.simulation.model.unknowns == unknowns
+    np.testing.assert_array_equal(forces, run.history["force"])
+    told: list[str] = []
+    targets = parameters_of(case)[:1]
+    columns = sensitivities(case, targets, MPI.COMM_SELF, lambda _: None, told.append)
+    np.testing.assert_array_equal(columns["force_N"], run.history["force"])
+    assert told[0].startswith("chosen: degree ")
+    with monkeypatched_measure() as measured:
+        study(case, MPI.COMM_SELF, lambda _: None)
+    assert {m.accuracy for m in measured} == {None}
+    assert {m.discretisation for m in measured} == {run.case.discretisation}
+
+    again = run.case.changed("output.every=3")
+    assert again.accuracy is None and again.output.every == 3
+    assert again.discretisation == run.case.discretisation and again.time == run.case.time
+
+
+@contextmanager
+def monkeypatched_measure() -> Iterator[list[wovenfab.Case]]:
+    """Note the cases of a study of effects instead of running them."""
+    measured: list[wovenfab.Case] = []
+    with pytest.MonkeyPatch.context() as patch:
+        cost = Cost(*[0] * len(fields(Cost)))
+        patch.setattr(effects, "measure", lambda case, _: (measured.append(case), cost)[1])
+        yield measured
 
 
 def test_a_field_as_a_function_has_the_values_of_the_results(

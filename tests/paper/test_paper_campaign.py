@@ -16,9 +16,9 @@ from paper.claims import Claim, claims, evenness
 from paper.elements import compare, finding
 from paper.figures import CYCLE, FIGURES
 from paper.page import ERRORS, LOOPS, YARNS, page
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.report.style import read_provenance
 from wovenfab.study.cluster import Cluster
-from wovenfab.study.runner import fingerprint
 from wovenfab.study.sweep import sweep
 
 PAPER = Path(__file__).parents[2] / "configs" / "paper"

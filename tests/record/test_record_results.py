@@ -1,11 +1,17 @@
+import errno
+import fcntl
+import os
 from pathlib import Path
 
 import pytest
 from mpi4py import MPI
 
+from wovenfab.model.assembly import _compiled, cache_folder
 from wovenfab.record.results import (
     FILES,
+    ResultsDirectory,
     ResultsExistError,
+    is_in_use,
     open_results,
     require_free,
     write_whole,
@@ -75,6 +81,50 @@ def test_a_failed_write_leaves_the_old_text(tmp_path: Path) -> None:
     with pytest.raises(UnicodeEncodeError):
         write_whole(path, "new \ud800")
     assert path.read_text() == "old"
+
+
+@pytest.fixture
+def no_locks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Make the system answer as it does on a file system without locks, such as some of Lustre."""
+
+    def flock(*_: object) -> None:
+        raise OSError(errno.ENOSYS, os.strerror(errno.ENOSYS))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+
+
+@pytest.mark.usefixtures("no_locks")
+def test_a_file_system_without_locks_takes_results_and_kernels(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    directory = ResultsDirectory(tmp_path / "results", MPI.COMM_SELF)
+    with directory:
+        directory.open()
+        assert not is_in_use(directory.path)
+    assert "without locks" in caplog.text
+    with directory:
+        directory.reopen()
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert _compiled(lambda: 3) == 3
+    waits = iter([TimeoutError, None])  # for a kernel of a process that was killed
+
+    def compiled() -> int:
+        if problem := next(waits):
+            (cache_folder() / "lib.c").write_text("")
+            raise problem
+        assert not (cache_folder() / "lib.c").exists()
+        return 4
+
+    assert _compiled(compiled) == 4
+
+
+def test_where_there_are_locks_a_directory_is_in_use(tmp_path: Path) -> None:
+    with ResultsDirectory(tmp_path / "results", MPI.COMM_SELF) as directory:
+        directory.open()
+        assert is_in_use(directory.path)
+        with pytest.raises(ResultsExistError, match="another run is writing"):
+            ResultsDirectory(directory.path, MPI.COMM_SELF).reopen()
+    assert not is_in_use(directory.path)
 
 
 @pytest.mark.mpi

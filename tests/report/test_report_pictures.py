@@ -1,4 +1,6 @@
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +127,17 @@ def test_a_broken_picture_does_not_cost_the_others(small: Path) -> None:
 def test_fibres_are_understood_in_degrees_and_in_radians(small: Path) -> None:
     fibres = open_run_data(small).fibres
     np.testing.assert_allclose(fibres, np.array([[1, 1], [1, -1]]) / np.sqrt(2), rtol=1e-12)
+
+
+def test_an_angle_that_is_none_is_told_at_once(small: Path) -> None:
+    case = small / "case.yaml"
+    case.write_text(case.read_text().replace("45 deg", "9**9**9**9 deg"))
+    command = "import sys; from wovenfab.report.run_data import open_run_data as o; o(sys.argv[1])"
+    ended = subprocess.run(
+        [sys.executable, "-c", command, small],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert "ValueError: '9**9**9**9 deg'" in ended.stderr
 
 
 @pytest.mark.parametrize(

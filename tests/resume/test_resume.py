@@ -275,3 +275,71 @@ def test_a_state_that_cannot_be_used_is_refused(
     with pytest.raises(CaseError, match=message):
         run(case.changed({"from_state": str(tmp_path / "tension")}, override), tmp_path / "run")
     assert not (tmp_path / "run").exists()
+
+
+PLATE = """
+DefineConstant[ w = 0.1 ];
+Include "size.geo";
+Point(1) = {0, 0, 0}; Point(2) = {l, 0, 0}; Point(3) = {l, w, 0}; Point(4) = {0, w, 0};
+Line(1) = {1, 2}; Line(2) = {2, 3}; Line(3) = {3, 4}; Line(4) = {4, 1};
+Curve Loop(1) = {1:4}; Plane Surface(1) = {1};
+Physical Surface("sheet") = {1}; Physical Curve("left") = {4}; Physical Curve("right") = {2};
+"""
+
+
+def plate(folder: Path, *overrides: str) -> Case:
+    """Return a case of a rectangle whose length is in a file that its geometry includes."""
+    if not (folder / "plate.geo").exists():
+        (folder / "plate.geo").write_text(PLATE)
+        (folder / "size.geo").write_text("l = 0.3;\n")
+    return read_case(
+        CONFIGS / "elastic-1x3.yaml",
+        ("sheet=null", f"sheet={{file: {folder}/plate.geo, fibres: [45 deg, -45 deg]}}",
+         "discretisation={degree: 2, mesh_size: 50 mm}", "output.pictures=false",
+         "program={type: ramp, to: 8 mm, steps: 4, duration: 1 s}", *overrides),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("mesh", "length"), [("fibres", 0.4), ("unstructured", 0.300001)])
+def test_another_mesh_by_an_included_file_is_refused(
+    mesh: str, length: float, tmp_path: Path
+) -> None:
+    """Also one with as many cells."""
+    case = plate(tmp_path, f"discretisation.mesh={mesh}")
+    run(case, tmp_path / "run", until=0.3)
+    text = (tmp_path / "plate.geo").read_text()
+    (tmp_path / "plate.geo").write_text(f"// the same sheet\n{text}")
+    before = {p: p.read_bytes() for p in (tmp_path / "run").rglob("*.*") if p.is_file()}
+    (tmp_path / "size.geo").write_text(f"l = {length};\n")
+    with pytest.raises(NothingToResumeError, match="now gives another mesh"):
+        run(plate(tmp_path, f"discretisation.mesh={mesh}"), tmp_path / "run", resume=True)
+    assert before == {p: p.read_bytes() for p in before}
+    start = {"from_state": str(tmp_path / "run")}
+    with pytest.raises(CaseError, match=r"from_state: .* has another sheet"):
+        run(plate(tmp_path, f"discretisation.mesh={mesh}").changed(start), tmp_path / "other")
+    (tmp_path / "size.geo").write_text("l = 0.3;\n")
+    assert run(plate(tmp_path, f"discretisation.mesh={mesh}"), tmp_path / "run", resume=True)
+
+
+def test_the_same_mesh_with_other_edges_is_refused(tmp_path: Path) -> None:
+    case = plate(tmp_path, "discretisation.mesh=unstructured")
+    run(case, tmp_path / "run", until=0.3)
+    text = (tmp_path / "plate.geo").read_text()
+    (tmp_path / "plate.geo").write_text(text.replace('("left") = {4}', '("left") = {4, 3}'))
+    with pytest.raises(NothingToResumeError, match="now gives another mesh"):
+        run(case, tmp_path / "run", resume=True)
+
+
+@pytest.mark.mpi
+def test_a_mesh_is_known_again_on_other_ranks(tmp_path: Path) -> None:
+    place = COMM.bcast(tmp_path)
+    if COMM.rank == 0:
+        plate(place)
+    COMM.barrier()
+    run(plate(place), place / "run", COMM, until=0.3)
+    if COMM.rank == 0:
+        assert run(plate(place), place / "run", ALONE, resume=True).outcome.failure is None
+        (place / "size.geo").write_text("l = 0.3001;\n")
+    COMM.barrier()
+    with pytest.raises(NothingToResumeError, match="now gives another mesh"):
+        run(plate(place), place / "run", COMM, resume=True)

@@ -21,6 +21,7 @@ from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.field_file import newest_checkpoint
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.results import CHECKPOINT
 from wovenfab.study.accuracy.errors import Refinement, best_of, order_of, own_error
 from wovenfab.study.accuracy.measure import (
@@ -34,7 +35,6 @@ from wovenfab.study.accuracy.measure import (
 from wovenfab.study.accuracy.settings import Setting
 from wovenfab.study.accuracy.strategy import Runner, run_study
 from wovenfab.study.accuracy.study import TARGETS, Study
-from wovenfab.study.runner import fingerprint
 
 #: A strip along its yarns whose stiffness varies: springs in series.
 SPRINGS = """

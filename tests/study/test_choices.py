@@ -119,6 +119,17 @@ def test_what_is_no_neighbour_starts_afresh(tmp_path: Path, change: str) -> None
     assert known_start(elastic(change), path) == AFRESH
 
 
+def test_a_choice_for_other_contents_of_a_file_is_no_neighbour(tmp_path: Path) -> None:
+    path, geometry = tmp_path / "choices.jsonl", tmp_path / "a.geo"
+    geometry.write_text('Include "b.geo";')
+    (tmp_path / "b.geo").write_text("l = 1;")
+    case = elastic("sheet=null", f"sheet={{file: {geometry}, fibres: [45 deg, -45 deg]}}")
+    remember(case, FOUND, path)
+    assert known_start(case, path) == FOUND
+    (tmp_path / "b.geo").write_text("l = 2;")
+    assert known_start(case, path) == AFRESH
+
+
 def test_lines_that_cannot_be_read_are_passed_over(tmp_path: Path) -> None:
     path = tmp_path / "choices.jsonl"
     path.write_text('{"words": 3}\n[1]\nnull\n{"words": "')

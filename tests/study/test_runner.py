@@ -1,11 +1,18 @@
-"""What is told of a process that failed."""
+"""What is told of a process that failed, and how processes are started and end."""
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
+from wovenfab.study import runner
 from wovenfab.study.runner import Command, execute
 
 RULE = "-" * 74
@@ -31,3 +38,48 @@ def test_the_useful_line_is_told(output: str, told: str, logged: bool, tmp_path:
     script.write_text(f"import sys\nprint({output!r}, file=sys.stderr)\nsys.exit(3)\n")
     log = tmp_path / "log" if logged else None
     assert execute(Command([str(script)], log=log)).failure == told
+
+
+def test_a_command_ends_with_the_process_that_started_it_even_if_that_is_killed(
+    tmp_path: Path,
+) -> None:
+    place = tmp_path / "pid"
+    code = f"import os, time; open({str(place)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    script = (
+        f"from wovenfab.study.runner import Command, execute; execute(Command(['-c', {code!r}]))"
+    )
+    with subprocess.Popen([sys.executable, "-c", script]) as parent:
+        until = time.monotonic() + 30
+        while not (place.exists() and place.read_text()) and time.monotonic() < until:
+            time.sleep(0.05)
+        parent.kill()
+    child = int(place.read_text())
+    while is_running(child) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not is_running(child)
+
+
+def is_running(process: int) -> bool:
+    """Return whether a process is there, and no zombie that nobody has waited for."""
+    with suppress(OSError):
+        return Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    return False
+
+
+def test_a_command_has_its_own_number_and_the_usual_signals() -> None:
+    """It is not a child of what was started: it became the command."""
+    code = (
+        "import os, json; from pathlib import Path; status = Path('/proc/self/status').read_text();"
+        "print(json.dumps([os.getppid(), os.getpgid(0) == os.getpid(), "
+        "[line.split()[1] for line in status.splitlines() if line.startswith('SigIgn')][0]]))"
+    )
+    parent, leads, ignored = execute(Command(["-S", "-c", code])).result
+    assert parent == os.getpid() and leads
+    mine = 1 << signal.SIGPIPE - 1 | 1 << signal.SIGXFSZ - 1  # what Python itself ignores
+    assert int(ignored, 16) & ~mine == 0
+
+
+def test_a_program_that_is_missing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runner, "_launcher", lambda _: ["no-such-launcher"])
+    told = "no-such-launcher cannot be started: No such file or directory"
+    assert execute(Command(["-c", ""])).failure == told

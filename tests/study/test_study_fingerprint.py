@@ -10,7 +10,9 @@ import pytest
 
 from tests.structure.test_layers import LAYERS
 from wovenfab.case import read_case
-from wovenfab.study.runner import COMPUTING, code, fingerprint
+from wovenfab.interface import simulate
+from wovenfab.record import fingerprint as module
+from wovenfab.record.fingerprint import COMPUTING, code, fingerprint, geometry_files
 
 ROOT = Path(__file__).parents[2]
 BIAS = ROOT / "configs" / "bias-1x3.yaml"
@@ -48,6 +50,57 @@ def test_the_contents_of_named_files_count(tmp_path: Path) -> None:
     assert len(known) == 4
 
 
+GEOMETRIES = {
+    "Include": ('Include "b.geo";', '// Merge\nMerge "c.msh";'),
+    "single quotes": ("Merge 'b.geo';", "ShapeFromFile('c.msh')"),
+    "a name in a variable": ('name = "b.geo";\nInclude Str(name);', 'x = "c.msh"; Merge Str(x);'),
+    "a computed name": ('Include StrCat("b", ".geo");', 'Merge Sprintf("%s.msh", "c");'),
+}
+
+
+@pytest.mark.parametrize("way", GEOMETRIES)
+def test_what_a_geometry_reads_counts_however_deep(way: str, tmp_path: Path) -> None:
+    for name, text in zip(("a.geo", "b.geo"), GEOMETRIES[way], strict=True):
+        (tmp_path / name).write_text(text)
+    (tmp_path / "c.msh").write_text("1")
+    (tmp_path / "notes.md").write_text("not read")
+    assert [p.name for p in geometry_files(tmp_path / "a.geo")] == ["a.geo", "b.geo", "c.msh"]
+    sheet = f"sheet={{file: {tmp_path}/a.geo, fibres: [45 deg, -45 deg]}}"
+    case = read_case(BIAS, ["sheet=null", sheet])
+    before = fingerprint(case)
+    assert fingerprint(case) == before
+    (tmp_path / "c.msh").write_text("2")
+    assert fingerprint(case) != before
+
+
+def test_geometries_that_read_each_other_end(tmp_path: Path) -> None:
+    (tmp_path / "a.geo").write_text('Include "b.geo"; Include "."; Include "";')
+    (tmp_path / "b.geo").write_text('Include "a.geo"; Include "missing.geo";')
+    assert [p.name for p in geometry_files(tmp_path / "a.geo")] == ["a.geo", "b.geo"]
+
+
+def test_the_state_that_a_case_starts_from_counts(tmp_path: Path) -> None:
+    small = ("discretisation={degree: 2, mesh_size: 150 mm}", "output.pictures=false")
+    elastic = ROOT / "configs" / "elastic-1x3.yaml"
+    known = []
+    for to in (8, 8, 9):
+        ramp = f"program={{type: ramp, to: {to} mm, steps: 2}}"
+        simulate(read_case(elastic, [*small, ramp]), tmp_path / "tension", overwrite=True)
+        case = read_case(elastic, [*small, f"from_state={tmp_path / 'tension'}"])
+        known.append(fingerprint(case))
+    assert known[0] == known[1] != known[2]
+
+
+def test_the_code_that_chooses_elements_counts_where_they_are_chosen(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    plain = read_case(BIAS)
+    wanted = plain.changed("discretisation=null", "time=null", "accuracy=1 %")
+    before = fingerprint(plain), fingerprint(wanted)
+    monkeypatch.setattr(module, "CHOOSING", "study/fit")  # as if it said something else
+    assert fingerprint(plain) == before[0] and fingerprint(wanted) != before[1]
+
+
 @pytest.mark.parametrize(
     ("change", "matters"),
     [
@@ -67,7 +120,7 @@ def test_code_counts_and_comments_do_not(change: str, matters: bool, tmp_path: P
         source = tmp_path / name
         source.write_text(source.read_text() + (change if "solver" in name else "AND = 2\n"))
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
-    script = "from wovenfab.study.runner import code; print(code())"
+    script = "from wovenfab.record.fingerprint import code; print(code())"
     ended = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin"},

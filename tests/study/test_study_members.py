@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from wovenfab.case import CaseError, Rectangle
 from wovenfab.stepping.program import program_of_case
 from wovenfab.study.sweep import Member, members_of
-from wovenfab.study.variations import grid, is_sweep_file, read_over, read_sweep_file
+from wovenfab.study.variations import folder_of_run, grid, is_sweep_file, read_over, read_sweep_file
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 BIAS = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
@@ -122,6 +123,31 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
+    "name",
+    ["overlay.png", "Overlay.PNG", "sweep.csv", "choices.jsonl", "a.log", ".", "..", "...", "/",
+     ".hidden", "*", "../", "n" * 300],
+)  # fmt: skip
+def test_a_run_is_not_called_like_what_the_sweep_writes(name: str, tmp_path: Path) -> None:
+    text = f"case: cases/bias.yaml\nruns:\n  ok: {{title: a}}\n  {name!r}: {{title: b}}\n"
+    path = sweep_file(tmp_path, text)
+    with pytest.raises(CaseError, match=r"sweep\.yaml:4: runs\."):
+        read_sweep_file(path)
+
+
+@pytest.mark.parametrize("name", ["overlay.png", "a.log", ".."])
+def test_a_case_file_is_not_called_like_what_the_sweep_writes(name: str, tmp_path: Path) -> None:
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(BIAS.read_text())
+    with pytest.raises(CaseError, match=re.escape(f"'{name}' ")):
+        members_of([path, BIAS])
+
+
+@pytest.mark.parametrize("name", ["a.logs", "overlay", "0.5", "a..b", "\u00fcberlang", "x.png"])
+def test_other_names_are_folders(name: str) -> None:
+    assert folder_of_run(name) == name
+
+
+@pytest.mark.parametrize(
     ("text", "message"),
     [
         ("case: no.yaml", ":1: case: there is no file 'no.yaml'. Names are relative to the case"),
@@ -138,7 +164,7 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
             ":5: time.scheme: expected 'bdf2', 'bdf3', 'backward-euler' or 'midpoint', got 'bdf4'.",
         ),
         (
-            "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1, 2 N]",
+            "case: cases/bias.yaml\nover:\n  effects.shear.stiffness: [1 N/m, 2 N]",
             ":3: effects.shear.stiffness: expected a force per length such as '400 N/m', got 'N'",
         ),
     ],

@@ -159,7 +159,7 @@ def test_equal_steps_meet_the_peak(target: float) -> None:
 
 def test_one_more_step_ends_at_the_peak_of_every_largest_cycle() -> None:
     """The trial is one cycle; the run has two of that amplitude, and a smaller one."""
-    cycles = "{type: cycles, amplitudes: [60, 30, 60 mm], max_velocity: 0.5 m/s}"
+    cycles = "{type: cycles, amplitudes: '60, 30, 60 mm', max_velocity: 0.5 m/s}"
     case = case_of("bias-1x3", f"program={cycles}", "time.scheme=bdf3", elements(2, 0.15))
     trial = trial_of(case, 0.01)
     coarse = response_of(with_steps(trial, 0.3), sheet(trial))

@@ -25,7 +25,7 @@ from pydantic_core import core_schema
 from wovenfab.case.effects import Value
 from wovenfab.case.errors import describe, near_miss, one_of, wrong
 from wovenfab.case.formula import VARIABLES, Expression
-from wovenfab.case.quantities import Angle, OneOr, Quantity, Section, Size, hide_default
+from wovenfab.case.quantities import Angle, OneOr, Quantity, Section, Several, Size, hide_default
 from wovenfab.case.units import write
 
 _LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
@@ -179,7 +179,7 @@ class Frame(Section):
 class EdgeCondition(Section):
     """What is prescribed on an edge; clamp is short for no displacement."""
 
-    displacement: tuple[AnyComponent, AnyComponent] = Field(
+    displacement: Annotated[tuple[AnyComponent, AnyComponent], Several()] = Field(
         default=(FREE, FREE),
         examples=[["program", 0]],
         json_schema_extra={"default": ["free", "free"]},
@@ -198,8 +198,8 @@ class EdgeCondition(Section):
     ] = Field(default=False, json_schema_extra={"default": "free"})
     """Whether the yarn directions at the edge are held as they were at rest."""
 
-    force: tuple[Annotated[Value, _LOAD], Annotated[Value, _LOAD]] | None = Field(
-        default=None, examples=[["10 N/m", 0]]
+    force: Annotated[tuple[Annotated[Value, _LOAD], Annotated[Value, _LOAD]], Several()] | None = (
+        Field(default=None, examples=[["10 N/m", 0]])
     )
     """Dead force per length of the edge at rest, along x and y; both families share it."""
 

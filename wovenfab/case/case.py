@@ -6,13 +6,13 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from dataclasses import field as dataclass_field
 from functools import cache, reduce
 from io import StringIO
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 from pydantic import (
     BeforeValidator,
@@ -205,6 +205,31 @@ class Case(Section):
         document = reduce(_overridden, more, origin.document)
         return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
 
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return the same case with other sections, as given: unlike ``changed`` it checks nothing.
+
+        What the copy says is what its sections are, also to ``changed``.
+        """
+        copy = super().model_copy(update=update, deep=deep)
+        if update:
+            written, origin = copy._written(set(update)), self._origin
+            fields = type(self).model_fields
+            keys = {fields[name].alias or name for name in update}
+            document = origin.document
+            copy._origin = replace(
+                origin,
+                document=replace(
+                    document,
+                    data={k: v for k, v in document.data.items() if k not in keys} | written,
+                    places={p: at for p, at in document.places.items() if not keys & {*p[:1]}},
+                ),
+                overrides=(
+                    *origin.overrides,
+                    *(f"{key}={json.dumps(written.get(key))}" for key in sorted(keys)),
+                ),
+            )
+        return copy
+
     def remarks(self) -> list[str]:
         """Return what is probably not meant, and how tables were thinned, in a sentence each."""
         sections: dict[KeyPath, Section] = {
@@ -241,10 +266,16 @@ class Case(Section):
         yaml.sort_base_mapping_type_on_output = False
         yaml.width = 100
         stream = StringIO()
-        left_out: Any = {} if self.accuracy is None else CHOSEN
-        data = self.model_dump(mode="json", by_alias=True, exclude_none=True, exclude=left_out)
-        yaml.dump(data, stream)
+        yaml.dump(self._written(), stream)
         return stream.getvalue()
+
+    def _written(self, names: set[str] | None = None) -> dict[str, Any]:
+        """Return all sections, or some, as they are written in a file with every default."""
+        left_out: Any = {} if self.accuracy is None else CHOSEN
+        data: dict[str, Any] = self.model_dump(
+            mode="json", by_alias=True, exclude_none=True, include=names, exclude=left_out
+        )
+        return data
 
     def __repr__(self) -> str:
         """Return name, sheet, effects, edges and program in one line."""

@@ -29,7 +29,6 @@ from wovenfab.case.errors import (
     refusal,
     wrong,
 )
-from wovenfab.case.units import in_one_unit
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
@@ -81,7 +80,6 @@ def folder_of(info: ValidationInfo) -> Path:
 
 _LARGEST_FILE = 1_000_000
 _DEEPEST = 20
-_UNITS = "A unit at the end serves for all, as in '20, 40 mm'; or each has its own."
 _MOST_VALUES = 100_000
 _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
@@ -218,11 +216,7 @@ class _Reader:
             case MappingNode():
                 return dict(self._pairs(node, path))
             case SequenceNode():
-                values = [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
-                values, bare = in_one_unit(values)
-                if bare:
-                    self._problem(line, path, f"{bare} has no unit, but others have one", _UNITS)
-                return values
+                return [self.read(item, (*path, i)) for i, item in enumerate(node.value)]
             case ScalarNode() if node.tag in _OTHER_SCALARS:
                 try:
                     return self.scalar(node)

@@ -296,10 +296,14 @@ class Count(_Scalar):
 
 
 @dataclass(frozen=True)
-class OneOr:
-    """A list whose brackets may be left out if it has one item, standing for ``copies``."""
+class Several:
+    """A list of values, each with its own unit, or a text with one unit for all of them.
 
-    copies: int = 1
+    Attributes:
+        copies: How many a single value without brackets stands for; 0 if for none.
+    """
+
+    copies: int = 0
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -309,15 +313,34 @@ class OneOr:
         return core_schema.no_info_before_validator_function(self._listed, items)
 
     def _listed(self, value: Any) -> Any:
-        return value if isinstance(value, list | tuple) else [value] * self.copies
+        if isinstance(value, str):
+            value = units.numbers_of(value) or value
+        if isinstance(value, list | tuple):
+            if problem := units.mixed(value):
+                raise wrong(*problem)
+            return value
+        return [value] * self.copies if self.copies else value
 
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> Json:
-        """Describe one item or a list of them."""
+        """Describe a list, and what may stand in its place: one item, a text."""
         many = handler(schema)
         one = many["prefixItems"][0] if "prefixItems" in many else many["items"]
-        return {"anyOf": [one, many]}
+        unit = one.get("unit", "1")
+        if self.copies:  # its text may be a list, too
+            return {"anyOf": [one, many]}
+        if unit == "1":
+            return many
+        example = units.KINDS.get(unit, ("", f"1 {unit}"))[1]
+        return {"anyOf": [many, {"type": "string", "description": f"'0, {example}'"}]}
+
+
+@dataclass(frozen=True)
+class OneOr(Several):
+    """The same, whose brackets may be left out if it has one item, standing for ``copies``."""
+
+    copies: int = 1
 
 
 Length = Annotated[float, Quantity(unit="m", usual=(1e-8, 20.0))]

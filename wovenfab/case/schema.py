@@ -34,6 +34,7 @@ from wovenfab.case.quantities import (
     OneOr,
     Quantity,
     Section,
+    Several,
     Size,
 )
 
@@ -54,7 +55,7 @@ def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
     return fibres
 
 
-Fibres = Annotated[tuple[Angle, Angle], AfterValidator(_crossing)]
+Fibres = Annotated[tuple[Angle, Angle], Several(), AfterValidator(_crossing)]
 
 
 class Rectangle(Section):
@@ -262,7 +263,7 @@ def possible_fields(needs: Needs) -> tuple[FieldName, ...]:
     return tuple(name for name in get_args(FieldName) if known.get(name, True))
 
 
-Place = tuple[Length, Length]
+Place = Annotated[tuple[Length, Length], Several()]
 
 
 def _apart(ends: tuple[Place, Place]) -> tuple[Place, Place]:

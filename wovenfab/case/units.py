@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Any
@@ -50,6 +51,8 @@ _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 # Single-digit powers only: pint computes powers, and 9^9^9^9 takes for ever.
 _FACTOR = r"\(*[^\W\d_][^\W\d]*(?:(?:\^|\*\*)?-?\d|[²³])?\)*"
 _UNIT = rf"(?:1\s*/\s*)?{_FACTOR}(?:(?:\s*[*/·.]\s*|\s+){_FACTOR})*|°|%"
+# The unit of a parameter of an effect may also have a power such as m^1.5.
+_WITH_POWERS = re.compile(_UNIT.replace(r"-?\d", r"-?\d(?:\.\d+)?"))
 _QUANTITY = re.compile(rf"\s*(?P<number>{_NUMBER})\s*(?P<unit>{_UNIT})?\s*")
 _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=-?\d)")
 
@@ -151,22 +154,70 @@ def is_quantity(text: str) -> bool:
     return len(text) <= LONGEST and _QUANTITY.fullmatch(text) is not None
 
 
-def in_one_unit(values: list[Any]) -> tuple[list[Any], str]:
-    """Return a list of numbers in which the unit at the end serves for all; others as they are.
+def numbers_of(text: str) -> list[str] | None:
+    """Return the numbers of a text such as ``"20, 40 mm"``; None if it is no such list.
 
-    With it the number, if there is one, that has no unit although others have one.
+    A unit that only the last number has serves for all. A comma without a blank after it is no
+    separator, since ``"0,5 mm"`` is meant as one number.
     """
-    texts = (str(v) if isinstance(v, int | float | str) else "" for v in values)
-    found = [_QUANTITY.fullmatch(text) if len(text) <= LONGEST else None for text in texts]
-    numbers = [match for match in found if match]
-    bare = [match[0] for match in numbers if not match["unit"] and float(match["number"])]
-    if len(numbers) < len(values) or not bare or not any(match["unit"] for match in numbers):
-        return values, ""
-    *others, last = (match["unit"] for match in numbers)
-    if any(others) or not last:
-        return values, bare[0]
-    pairs = zip(values, numbers, strict=True)
-    return [v if match["unit"] else f"{v} {last}" for v, match in pairs], ""
+    parts = re.split(r",\s+", text.strip())
+    return with_last_unit(parts) if len(parts) > 1 and all(map(is_quantity, parts)) else None
+
+
+def with_last_unit(values: Sequence[Any]) -> list[Any]:
+    """Return values in which the unit that only the last number has serves for all."""
+    units = [unit for _, unit in _with_units(values)]
+    if not units or not (last := units[-1]) or any(units[:-1]):
+        return list(values)
+    return [f"{value} {last}" if unit == "" else value for value, unit in _with_units(values)]
+
+
+def mixed(values: Sequence[Any]) -> tuple[str, str] | None:
+    """Return what is wrong with a list in which some numbers have units and others have none.
+
+    A number without one could be in the SI unit, as elsewhere, or in the unit of the others. Only
+    zero is the same in all.
+
+    Returns:
+        Message, and remedy with both readings; None of a list in which nothing is wrong.
+    """
+    units = [unit for _, unit in _with_units(values) if unit]
+    bare = [v for v, unit in _with_units(values) if unit == "" and float(v)]
+    if not units or not bare:
+        return None
+    readings = dict.fromkeys(_reading(values, unit) for unit in (units[-1], _si_of(units[-1])))
+    meant = f"{' or '.join(readings)}{', whichever is meant' if len(readings) > 1 else ''}"
+    return (
+        f"{bare[0]} has no unit, but others have one",
+        f"Write {meant}: in a list each number has its own unit. A text such as '20, 40 mm' has "
+        "one unit for all.",
+    )
+
+
+def _with_units(values: Sequence[Any]) -> list[tuple[Any, str | None]]:
+    """Return each value with its unit: empty if it has none, None if it is no number."""
+    found = []
+    for value in values:
+        text = str(value) if isinstance(value, int | float | str) else ""
+        match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
+        found.append((value, (match["unit"] or "") if match else None))
+    return found
+
+
+def _reading(values: Sequence[Any], unit: str) -> str:
+    """Return a list as it reads if numbers without unit are in this one; empty for pure numbers."""
+
+    def read(value: Any, own: str | None) -> str:
+        if own != "" or not float(value):
+            return str(value)
+        return f"{value} {unit}" if unit else f"{100 * float(value):g} %"
+
+    return f"[{', '.join(read(*pair) for pair in _with_units(values))}]"
+
+
+def _si_of(unit: str) -> str:
+    """Return the SI unit of the same kind."""
+    return next((kind for kind in (*KINDS, "N") if measures(f"1 {unit}", kind)), "(in SI units)")
 
 
 def _factor(given: str, unit: str) -> float:
@@ -198,6 +249,8 @@ def _in_base_units(unit: str) -> tuple[float, Any]:
 
 
 def _parsed(unit: str) -> Any:
+    if unit and (len(unit) > LONGEST or not _WITH_POWERS.fullmatch(unit)):
+        raise ValueError(unit)
     return _registry().parse_units(_BARE_POWER.sub("^", unit))
 
 

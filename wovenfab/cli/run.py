@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -26,7 +27,7 @@ from wovenfab.cli.console import (
     is_launched,
 )
 from wovenfab.mpi import on_ranks
-from wovenfab.parallel import end_with_parent
+from wovenfab.parallel import ending_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
 
@@ -59,20 +60,18 @@ def launch(ranks: int, arguments: Sequence[str]) -> int:
         process.send_signal(signal.SIGTERM if is_second else signal.SIGUSR1)
 
     command = [*on_ranks(ranks), sys.executable, "-P", "-m", "wovenfab", *arguments]
-    try:
-        process = subprocess.Popen(
-            command,
-            env={"OMP_NUM_THREADS": "1", **os.environ},
-            stdin=subprocess.DEVNULL,
-            start_new_session=True,
-            preexec_fn=end_with_parent,
-        )
-    except FileNotFoundError:
+    if shutil.which(command[0]) is None:
         Console().problem(
             f"mpirun is neither in {Path(sys.executable).parent} nor in PATH: install the MPI that "
             "dolfinx was built with, or leave --ranks out"
         )
         return BAD_INPUT
+    process = subprocess.Popen(
+        ending_with_parent(command),
+        env={"OMP_NUM_THREADS": "1", **os.environ},
+        stdin=subprocess.DEVNULL,
+        start_new_session=True,
+    )
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1):
         signal.signal(number, hand_on)
     code = process.wait()

@@ -121,7 +121,7 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
     from wovenfab.study.effects import line, printed, study, write_table
 
     console = Console()
-    rows = study(case, MPI.COMM_WORLD, lambda row: console.say(line(row)))
+    rows = study(case, MPI.COMM_WORLD, lambda row: console.say(line(row)), console.say)
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-effects"
         directory.mkdir(parents=True, exist_ok=True)
@@ -160,7 +160,7 @@ def differentiate(
 
     try:
         with console:
-            columns = sensitivities(case, targets, MPI.COMM_WORLD, report)
+            columns = sensitivities(case, targets, MPI.COMM_WORLD, report, console.say)
     except TargetError as error:
         console.problem(str(error))
         return BAD_INPUT

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
 import numpy as np
 import ufl
@@ -33,7 +33,7 @@ from ufl.domain import extract_unique_domain
 from wovenfab.compat import column_map
 from wovenfab.lacking import LackingError, require_compiler
 from wovenfab.model import kernels
-from wovenfab.parallel import each_its_own
+from wovenfab.parallel import each_its_own, lock
 
 #: A sum of compiled forms; the first one lives on the space of all placements.
 Sum = tuple[fem.Form, ...]
@@ -166,15 +166,17 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
     FFCx waits for a kernel that is without its ``.cached`` mark. Every compiling process shares a
     lock, so that whoever has it alone knows that nobody works on such a kernel. A compiler that a
     signal has ended is started once more: the signal may have been meant for this process, which
-    has its own way to end.
+    has its own way to end. On a file system without locks a kernel counts as unfinished once FFCx
+    has waited for it in vain.
     """
     folder, killed = cache_folder(), False
     folder.mkdir(parents=True, exist_ok=True)
     while True:
-        with (folder / "users.lock").open("w") as lock:
+        with (folder / "users.lock").open("w") as users:
             with suppress(BlockingIOError):
-                _remove_unfinished(folder, lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            fcntl.flock(lock, fcntl.LOCK_SH)
+                if lock(users, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                    _remove_unfinished(folder)
+            lock(users, fcntl.LOCK_SH)
             try:
                 with kernels.own_kernels():
                     return compile_it()
@@ -185,13 +187,13 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                     require_compiler()
                     raise
                 killed = True
-        with (folder / "users.lock").open("w") as lock:
-            _remove_unfinished(folder, lock, fcntl.LOCK_EX)
+        with (folder / "users.lock").open("w") as users:
+            lock(users, fcntl.LOCK_EX)
+            _remove_unfinished(folder)
 
 
-def _remove_unfinished(folder: Path, lock: TextIO, alone: int) -> None:
-    """Remove the kernels that a killed process left unfinished, once no other one compiles."""
-    fcntl.flock(lock, alone)
+def _remove_unfinished(folder: Path) -> None:
+    """Remove the kernels that a killed process left unfinished, while no other one compiles."""
     with os.scandir(folder) as entries:  # one look at it: it may hold thousands of kernels
         names = {entry.name for entry in entries}
     for name in names:

@@ -263,7 +263,7 @@ def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 #: Version of what checkpoints hold; another one cannot be read.
-VERSION = 5
+VERSION = 6
 
 
 @dataclass(frozen=True)

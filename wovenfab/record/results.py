@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import fcntl
 import json
+import logging
 import os
 import shlex
 import subprocess
@@ -22,11 +23,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from wovenfab.mpi import command_of, on_ranks
-from wovenfab.parallel import child_environment, on_root, world
+from wovenfab.parallel import child_environment, lock, on_root, world
 
 if TYPE_CHECKING:
     from mpi4py import MPI
 
+logger = logging.getLogger(__name__)
 #: Environment variable with the commit of the code, set by ``env/enter``; ``+`` if changed.
 COMMIT = "WOVENFAB_COMMIT"
 #: Environment variable with the command that the user typed, for processes that it starts.
@@ -114,7 +116,8 @@ class ResultsDirectory:
     """A results directory that this run has for itself: no other run may write there.
 
     A context manager. The lock is the system's on the open marker file, so that a killed run
-    leaves none behind; only rank 0 holds it.
+    leaves none behind; only rank 0 holds it. On a file system without locks there is none, which
+    is logged.
 
     Attributes:
         path: The directory.
@@ -188,7 +191,10 @@ class ResultsDirectory:
         """Lock the marker, which a ``new`` directory must not have yet."""
         try:
             self._lock = (self.path / MARKER).open("x" if new else "a", encoding="utf-8")
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if not lock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB):
+                logger.warning(
+                    "%s is on a file system without locks: let no other run write there", self.path
+                )
         except FileExistsError:  # another run made it in between
             raise _exists(self.path) from None
         except BlockingIOError:
@@ -290,7 +296,7 @@ def is_in_use(directory: Path) -> bool:
     """Return whether a run is writing there."""
     with suppress(OSError), (directory / MARKER).open() as marker:
         try:
-            fcntl.flock(marker, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            lock(marker, fcntl.LOCK_SH | fcntl.LOCK_NB)
         except BlockingIOError:
             return True
     return False

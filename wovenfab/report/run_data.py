@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pint
 from numpy.typing import NDArray
 from ruamel.yaml import YAML
 
+from wovenfab.case import units
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
@@ -137,5 +137,5 @@ def times_between(stored: StoredFields, start: float, end: float) -> NDArray[np.
 
 def _direction(angle: float | str) -> tuple[float, float]:
     """Return the unit vector at an angle: a number in rad, or a text with its unit."""
-    rad = float(pint.Quantity(angle).to("rad").magnitude) if isinstance(angle, str) else angle
+    rad = units.parse(angle, "rad") if isinstance(angle, str) else angle
     return cos(rad), sin(rad)

@@ -6,7 +6,6 @@ that neither the partition nor doubled nodes need numbers of their own.
 
 from __future__ import annotations
 
-import hashlib
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,13 +18,16 @@ from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, CaseError, Rectangle
+from wovenfab.case import Case, CaseError
+from wovenfab.compat import corners_of
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
 from wovenfab.parallel import from_root, on_root
 from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
+from wovenfab.record.fingerprint import EFFECT, STATE, contents_of
 from wovenfab.record.results import NothingToResumeError
+from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.program import Program, program_of_case
 from wovenfab.stepping.step import Step
 
@@ -33,14 +35,16 @@ if TYPE_CHECKING:
     from wovenfab.simulation.simulation import Simulation
 
 Array = NDArray[np.float64]
-#: Key of the case.
-STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
 #: Array of the program so far: times (s), values (m or N), whether they are forces, and values of
 #: the second program (m); shape (4, n).
 PROGRAM = "program"
-#: Difference of displacements, over the largest one, below which programs are the same.
+#: Array of the mesh: corners of each cell (m), then tags of the edges opposite to them; shape
+#: (cells, 9). And key of the tags by edge.
+MESH, EDGES = "mesh", "edges"
+#: Difference of displacements over the largest one, and of positions over the size of the sheet,
+#: below which programs and meshes are the same.
 SAME = 1e-9
 #: Sections of a case that a run may change when it goes on.
 FREE = {"title", "program", "second_program", "accuracy", "time", "solver", "output"}
@@ -137,6 +141,7 @@ class Checkpoints:
         self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
         program = simulation.program
         self._program = _values(program, [m.time for m in program.milestones])
+        self._mesh, self._edges = _mesh_of(simulation.model.sheet), simulation.model.sheet.edges
         self._steps, self._clock = 0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
@@ -158,6 +163,8 @@ class Checkpoints:
         stepper = self._simulation.stepper
         values, arrays = self._format.gather(stepper.snapshot())
         arrays[PROGRAM] = self._program[:, self._program[0] <= stepper.time]
+        if self._mesh is not None:
+            arrays[MESH] = self._mesh
         kept = Checkpoint(
             stepper.number,
             stepper.time,
@@ -165,6 +172,7 @@ class Checkpoints:
                 "stepper": values,
                 "case": self._case,
                 "chosen": self._chosen,
+                EDGES: self._edges,
                 **self._more(),
             },
             arrays,
@@ -212,6 +220,48 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     return case
 
 
+def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> None:
+    """Raise if a sheet has not the mesh of a checkpoint; collective.
+
+    Raises:
+        NothingToResumeError: It has other cells or edges, on every rank.
+    """
+    if not _has_mesh(sheet, checkpoint):
+        raise NothingToResumeError(
+            f"the run in {directory} cannot go on: its geometry, or a file that this reads, now "
+            "gives another mesh. Go on with the geometry as it was, or run this case into another "
+            "directory with -o"
+        )
+
+
+def _has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
+    """Return whether a sheet has the cells and the edges of a checkpoint; collective."""
+    now, comm = _mesh_of(sheet), sheet.mesh.comm
+    same = sheet.edges == checkpoint.values[EDGES]
+    if now is not None:
+        before = checkpoint.arrays[MESH]
+        size = float(np.ptp(now[:, :6].reshape(-1, 2), axis=0).max())
+        same = same and before.shape == now.shape
+        same = same and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
+        same = same and bool((now[:, 6:] == before[:, 6:]).all())
+    return bool(comm.bcast(same))
+
+
+def _mesh_of(sheet: Sheet) -> Array | None:
+    """Return the array of a mesh on rank 0, and None elsewhere; collective."""
+    mesh = sheet.mesh
+    own = mesh.topology.index_map(2).size_local
+    mesh.topology.create_connectivity(2, 1)
+    facets = np.asarray(mesh.topology.connectivity(2, 1).array).reshape(-1, 3)[:own]
+    facet_map = mesh.topology.index_map(1)
+    tags = np.zeros(facet_map.size_local + facet_map.num_ghosts)
+    tags[sheet.facets.indices] = sheet.facets.values
+    corners = mesh.geometry.x[corners_of(mesh)[:own], :2].reshape(own, 6)
+    return Blocks(mesh.comm, sheet.original_cells[:own]).gather(
+        np.column_stack([corners, tags[facets]])
+    )
+
+
 def _with_choices(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     """Return a case with the elements and steps that were chosen for its accuracy.
 
@@ -251,8 +301,10 @@ def state_of(case: Case, model: Model) -> tuple[Array, str]:
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
     before, now = checkpoint.values["case"], fixed_part(case)
-    parts = "sheet", "discretisation", "the file of the sheet"
+    parts = "sheet", "discretisation"
     differing = [name for name in parts if before.get(name) != now.get(name)]
+    if not _has_mesh(model.sheet, checkpoint) and not differing:
+        differing = ["the meshes that its geometry gives"]
     states = checkpoint.values["stepper"]["state"]["states"]
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
     shapes = model.comm.bcast({n: a.shape for n, a in checkpoint.arrays.items()})
@@ -270,10 +322,19 @@ def state_of(case: Case, model: Model) -> tuple[Array, str]:
 
 
 def fixed_part(case: Case) -> dict[str, Any]:
-    """Return what must not change while a run goes on; of files it is what is in them."""
+    """Return what must not change while a run goes on; of files it is what is in them.
+
+    Of a geometry it is the mesh, which :func:`require_same_mesh` compares; of tables it is the
+    program so far.
+    """
     dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
     sheet = {k: v for k, v in dump["sheet"].items() if k != "file" and v is not None}
-    return {**dump, "sheet": sheet, **contents_of(case)}
+    contents = {
+        f"the contents of {name}": of
+        for name, of in contents_of(case).items()
+        if name.startswith(EFFECT) or name == STATE
+    }
+    return {**dump, "sheet": sheet, **contents}
 
 
 def chosen_part(case: Case) -> dict[str, Any]:
@@ -288,14 +349,6 @@ def chosen_part(case: Case) -> dict[str, Any]:
 def _motions(segments: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Return segments of a program without their numbers of steps."""
     return [{k: v for k, v in segment.items() if k != "steps"} for segment in segments]
-
-
-def contents_of(case: Case) -> dict[str, str]:
-    """Return a digest of each file with an effect or the geometry, by what it is for."""
-    files = {f"the file of effects.{e.name}": e.file for e in case.scene if e.file is not None}
-    if not isinstance(case.sheet, Rectangle):
-        files["the file of the sheet"] = case.sheet.file
-    return {name: hashlib.sha256(path.read_bytes()).hexdigest() for name, path in files.items()}
 
 
 def _has_made(case: Case, checkpoint: Checkpoint) -> bool:

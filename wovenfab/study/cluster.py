@@ -26,6 +26,7 @@ from uuid import uuid4
 
 from wovenfab.case import Case, refusal
 from wovenfab.case.document import parse_document
+from wovenfab.record.fingerprint import case_files
 from wovenfab.record.results import (
     CHECKPOINT,
     CHOICES,
@@ -34,7 +35,7 @@ from wovenfab.record.results import (
     INPUT,
     write_whole,
 )
-from wovenfab.study.runner import Command, Ended, Submit, case_files, goes_on, here, run
+from wovenfab.study.runner import Command, Ended, Submit, goes_on, here, run
 
 logger = logging.getLogger(__name__)
 LOCAL, SLURM = "local", "slurm"

@@ -23,10 +23,10 @@ from wovenfab.case import Case, CaseError
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
 from wovenfab.stepping.step import Step
+from wovenfab.study.target_accuracy.choice import settled
 
 
 @dataclass(frozen=True)
@@ -153,9 +153,18 @@ def with_effects(case: Case, names: Sequence[str]) -> Case:
     return case.changed(*(f"effects.{name}=null" for name in case.effects if name not in names))
 
 
-def study(case: Case, comm: MPI.Comm, report: Callable[[Row], None]) -> list[Row]:
-    """Measure all scenes of a case one after the other, and report each row; collective."""
-    sheet = sheet_of(case, comm)  # one mesh for all, so that only the effects differ
+def study(
+    case: Case,
+    comm: MPI.Comm,
+    report: Callable[[Row], None],
+    say: Callable[[str], None] = lambda text: None,
+) -> list[Row]:
+    """Measure all scenes of a case one after the other, and report each row; collective.
+
+    All have the same elements and steps, so that only the effects differ: those of the case, or
+    what its accuracy takes with all effects, of which ``say`` is told.
+    """
+    case, sheet = settled(case, comm, say)
     rows: dict[frozenset[str], Row] = {}
     for scene, names in _scenes(case):
         if frozenset(names) in rows:
@@ -244,9 +253,20 @@ def parameters_of(case: Case) -> list[Target]:
 
 
 def sensitivities(
-    case: Case, targets: Sequence[Target], comm: MPI.Comm, report: Callable[[Step], None]
+    case: Case,
+    targets: Sequence[Target],
+    comm: MPI.Comm,
+    report: Callable[[Step], None],
+    say: Callable[[str], None] = lambda text: None,
 ) -> dict[str, list[float]]:
     """Return force, dissipated energy and their derivatives at each step; collective.
+
+    Args:
+        case: The case; for an accuracy its elements and steps are chosen as for a run.
+        targets: The parameters.
+        comm: The ranks.
+        report: Called with each step.
+        say: Gets messages.
 
     Returns:
         Columns by name: ``force_N``, ``d_force/d_shear.stiffness``, ... in SI units.
@@ -257,7 +277,8 @@ def sensitivities(
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
     rows: list[dict[str, float]] = []
-    with Simulation(case, sheet_of(case, comm)) as simulation:
+    case, sheet = settled(case, comm, say)
+    with Simulation(case, sheet) as simulation:
         simulation.differentiate(targets)
         for step in simulation.steps():
             assert step.derivatives is not None

@@ -1,14 +1,11 @@
 """Runs in processes of their own, and a cache of their results.
 
 Sweeps, studies of accuracy, benchmarks, hard cases and the paper all start processes here. A
-result is computed again only where its fingerprint has changed: the case, the files that it
-names, or the code that computes.
+result is computed again only where its fingerprint has changed (``record/fingerprint.py``).
 """
 
 from __future__ import annotations
 
-import ast
-import hashlib
 import json
 import os
 import re
@@ -20,19 +17,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, field
-from functools import cache
-from itertools import chain
 from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from threading import Event
 from typing import Any
 
-import forms
-import wovenfab
-from wovenfab.case import Case, Rectangle, Table
 from wovenfab.mpi import on_ranks
-from wovenfab.parallel import PYTHON_PATHS, child_environment, end_with_parent
+from wovenfab.parallel import PYTHON_PATHS, child_environment, ending_with_parent
 from wovenfab.record.results import (
     INPUT,
     INTERRUPTED,
@@ -42,13 +34,7 @@ from wovenfab.record.results import (
     outcome_of,
     write_whole,
 )
-from wovenfab.versions import dolfinx
 
-#: The parts of wovenfab that compute; those above them only start runs and read results.
-COMPUTING = (
-    *("lacking", "mpi", "versions", "parallel", "compat", "case", "sheet"),
-    *("model", "solver", "stepping", "record", "simulation"),
-)
 #: Seconds between two looks at the running processes.
 _PAUSE = 0.2
 #: Seconds from the request to end to the kill.
@@ -135,14 +121,15 @@ def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
         started = time.monotonic()
         with output.open("wb") as out, errors.open("wb") as err:
             process = subprocess.Popen(
-                [*on_ranks(command.ranks), sys.executable, *command.arguments, *more],
+                ending_with_parent(
+                    [*on_ranks(command.ranks), sys.executable, *command.arguments, *more]
+                ),
                 env=_environment(command),
                 cwd=folder,
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=subprocess.STDOUT if log else err,
                 start_new_session=True,
-                preexec_fn=end_with_parent,
             )
         late = False
         while process.poll() is None and not late:
@@ -319,55 +306,3 @@ class Store:
         self.folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps({"fingerprint": fingerprint, "result": result}, default=dict)
         write_whole(self.folder / f"{name}.json", text + "\n")
-
-
-def fingerprint(case: Case, *sources: Path) -> str:
-    """Return a text that differs if the case, a file it names, or the code that computes does.
-
-    Python files and folders in ``sources`` count, too.
-    """
-    parts = [case.to_yaml(), *map(_content, case_files(case)), code(*sources)]
-    return _digest("\0".join(parts))
-
-
-@cache
-def code(*sources: Path) -> str:
-    """Return a text that differs if the code that computes does, whatever its comments say.
-
-    Python files and folders in ``sources`` count, too.
-    """
-    top = Path(wovenfab.__file__).parent
-    computing = [top / name for name in COMPUTING]
-    paths = [Path(forms.__file__).parent, *computing, *(p.with_suffix(".py") for p in computing)]
-    files = [p for path in (*paths, *sources) for p in (path, *path.rglob("*.py")) if p.is_file()]
-    return _digest("\0".join([*map(_code_of, sorted(files)), dolfinx()]))
-
-
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()[:16]
-
-
-def _code_of(path: Path) -> str:
-    """Return the code of a file without layout, comments and docstrings."""
-    tree = ast.parse(path.read_bytes())
-    for node in ast.walk(tree):
-        if isinstance(body := getattr(node, "body", None), list):
-            body[:] = [statement for statement in body if not _is_text(statement)]
-    return ast.dump(tree)
-
-
-def _is_text(statement: ast.AST) -> bool:
-    value = statement.value if isinstance(statement, ast.Expr) else None
-    return isinstance(value, ast.Constant) and isinstance(value.value, str)
-
-
-def case_files(case: Case) -> list[Path]:
-    """Return the files that a case names."""
-    named = [e.file for e in case.scene if e.file is not None]
-    segments = chain(*case.programs.values())
-    named += [segment.samples.file for segment in segments if isinstance(segment, Table)]
-    return named if isinstance(case.sheet, Rectangle) else [*named, case.sheet.file]
-
-
-def _content(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

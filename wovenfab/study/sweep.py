@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -11,13 +10,14 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
 from wovenfab.stepping.program import planned_steps
 from wovenfab.study.cluster import Cluster, command_of, take
-from wovenfab.study.runner import Command, Ended, execute_all, fingerprint
-from wovenfab.study.variations import OVER, Variation
+from wovenfab.study.runner import Command, Ended, execute_all
+from wovenfab.study.variations import LOG, OVER, RENAME, Variation, folder_of_run
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,7 @@ class Member:
     @property
     def name(self) -> str:
         """The label as the name of a folder, unique in a sweep."""
-        words = self.label.replace(": ", "-").replace(" ", "")
-        return re.sub(r"[^\w.,=+-]+", "_", words).strip("_")
+        return folder_of_run(self.label)
 
     @property
     def steps(self) -> int:
@@ -68,7 +67,8 @@ def members_of(
         overrides: Values that replace those of all files.
 
     Raises:
-        CaseError: A case is not valid with some of the values, or two members are alike.
+        CaseError: A case is not valid with some of the values, two members are alike, or the name
+            of one is none for a folder.
     """
     cases = [read_case(path, overrides) for path in paths]
     members = [_member(case, variation) for case in cases for variation in variations]
@@ -77,6 +77,11 @@ def members_of(
             replace(m, label=": ".join(filter(None, (m.case.name, m.label)))) for m in members
         ]
     members = [replace(m, label=m.label or m.case.name) for m in members]
+    for member in members:
+        try:
+            folder_of_run(member.label)
+        except ValueError as error:
+            raise refusal(OVER, str(error), RENAME) from error
     for name, times in Counter(member.name for member in members).items():
         if times > 1:
             remedy = "Give each case and each value once."
@@ -118,7 +123,7 @@ class Run:
     @property
     def log(self) -> Path:
         """The file with its output."""
-        return self.directory.with_name(f"{self.directory.name}.log")
+        return self.directory.with_name(f"{self.directory.name}{LOG}")
 
     @property
     def ended(self) -> bool:

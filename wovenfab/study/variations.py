@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
@@ -13,6 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
+from wovenfab.case import units
 from wovenfab.case.document import (
     Document,
     Place,
@@ -22,7 +24,7 @@ from wovenfab.case.document import (
     read_document,
 )
 from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
-from wovenfab.case.quantities import OneOr, Section
+from wovenfab.case.quantities import OneOr, Section, Several
 
 #: ``Problem.file`` of what the command line varies.
 OVER = "--over"
@@ -79,15 +81,19 @@ def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
     """Return a variation for each value of a key.
 
     Raises:
-        CaseError: There is no value.
+        CaseError: There is no value, or only some have units.
     """
     if not values:
         raise refusal(place.file, "no value is given", line=place.line, key=key)
+    if problem := units.mixed(values):
+        raise refusal(place.file, *problem, place.line, key)
     return [Variation({key: value}, {key: place}, axes=(key,)) for value in values]
 
 
 def read_over(text: str) -> list[Variation]:
     """Return the axis of ``key=value,value``, as the command line has it.
+
+    As in a text such as ``20, 40 mm``, a unit that only the last value has serves for all.
 
     Raises:
         CaseError: The text is something else.
@@ -100,7 +106,7 @@ def read_over(text: str) -> list[Variation]:
         given = parse_document(f"[{values}]", OVER).data
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key) for p in error.problems) from error
-    return axis(key, given, Place(OVER, None))
+    return axis(key, units.with_last_unit(given), Place(OVER, None))
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
@@ -115,6 +121,33 @@ def _short(key: str, keys: Sequence[str]) -> str:
 
 def _word(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+#: Files that a sweep writes beside the folders of its runs, and the end of those of each run.
+BESIDE = ("sweep.csv", "overlay.png", "overlay.svg", "choices.jsonl", "comparison.html")
+LOG = ".log"
+#: Characters of the longest name of a folder, with a margin to what file systems take.
+LONGEST = 200
+RENAME = "Give it another name, in sweep files under runs."
+
+
+def folder_of_run(label: str) -> str:
+    """Return the label of a run as the name of its folder.
+
+    Raises:
+        ValueError: It would be no folder of its own in that of the sweep.
+    """
+    words = label.replace(": ", "-").replace(" ", "")
+    name = re.sub(r"[^\w.,=+-]+", "_", words).strip("_")
+    if not name.strip("."):
+        raise ValueError(f"{label!r} is no name for a folder")
+    if name.startswith("."):
+        raise ValueError(f"{label!r} would be a hidden folder")
+    if name.casefold() in BESIDE or name.casefold().endswith(LOG):
+        raise ValueError(f"{label!r} is the name of a file that the sweep writes")
+    if len(name.encode()) > LONGEST:
+        raise ValueError(f"{label[:40]!r}... is too long for the name of a folder")
+    return name
 
 
 #: The key that makes a file a sweep file.
@@ -147,7 +180,7 @@ class _Sweep(Section):
     ] = Field(examples=["bias-1x3.yaml"])
     """Case file, relative to this one, or a list of them."""
 
-    over: Mapping[str, list[Any]] = Field(
+    over: Mapping[str, Annotated[list[Any], Several()]] = Field(
         default={}, examples=[{"effects.slip_friction.slope": ["70 s/m", "700 s/m"]}]
     )
     """Values of each key; all combinations are run."""
@@ -189,4 +222,8 @@ def _named(name: str, values: Mapping[str, Any], document: Document) -> Variatio
     if not values:
         path = ("runs", name)
         raise CaseError([document.problem(path, "no value is given", "Name what is varied.")])
+    try:
+        folder_of_run(name)
+    except ValueError as error:
+        raise CaseError([document.problem(("runs", name), str(error), RENAME)]) from error
     return Variation(values, {key: document.places["runs", name, key] for key in values}, name)

@@ -25,6 +25,7 @@ from forms.kinematics import displacements
 from wovenfab.case import Case, read_case
 from wovenfab.model.assembly import cache_folder, compile_form
 from wovenfab.model.model import Model
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.results import has_checkpoint
 from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
 from wovenfab.simulation.from_case import sheet_of
@@ -38,7 +39,7 @@ from wovenfab.simulation.response import interpolated_peak_force
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 from wovenfab.study.accuracy.settings import Setting
-from wovenfab.study.runner import Command, Store, execute, fingerprint
+from wovenfab.study.runner import Command, Store, execute
 
 PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_interpolated_N", "dissipated_J", "rms_beta_m"
 #: Another process may be compiling kernels of its own meanwhile; then the run starts again.

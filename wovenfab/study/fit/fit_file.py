@@ -17,7 +17,7 @@ from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import Problem, describe, near_miss, problems_in, reason, wrong
 from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import Length, Section, coefficients, with_coefficient
+from wovenfab.case.quantities import Length, Section, Several, coefficients, with_coefficient
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 
@@ -140,7 +140,7 @@ class Sought(Section):
     start: float | str | None = Field(default=None, examples=["400 N/m"])
     """Where the search starts; from the case and the size of the forces unless given."""
 
-    bounds: tuple[float | str, float | str] | None = Field(
+    bounds: Annotated[tuple[float | str, float | str], Several()] | None = Field(
         default=None, examples=[["1 N/m", "1 kN/m"]]
     )
     """Smallest and largest value; a thousandth and a thousand times the start unless given."""

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from forms.effect import Target
 from wovenfab.case import Case
 from wovenfab.parallel import end_with_parent
+from wovenfab.record.fingerprint import fingerprint
 from wovenfab.simulation.response import with_elements, with_steps
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, with_values
@@ -30,7 +31,7 @@ from wovenfab.study.fit.response import (
     computed,
     curve_of,
 )
-from wovenfab.study.runner import Store, Submit, fingerprint, signals_to_end
+from wovenfab.study.runner import Store, Submit, signals_to_end
 
 Array = NDArray[np.float64]
 #: Runs one after the other in this process.

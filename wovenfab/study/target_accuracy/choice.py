@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import ast
-import hashlib
 import inspect
 import json
 import logging
@@ -29,6 +28,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
 from wovenfab.parallel import on_root
+from wovenfab.record.fingerprint import code, contents_of, digest
 from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
@@ -103,6 +103,24 @@ def choose(
             best = f", estimated error {_percent(chosen.estimate.worst)}"
         say(f"{_missed(chosen.shortfall, case.accuracy)}; this is the best that was tried{best}")
     return chosen
+
+
+def settled(case: Case, comm: MPI.Comm, say: Callable[[str], None]) -> tuple[Case, Sheet]:
+    """Return a case with the elements and steps for its accuracy, if it has one; collective.
+
+    Args:
+        case: The case.
+        comm: The ranks.
+        say: Gets messages.
+
+    Returns:
+        The case without an accuracy, and its sheet.
+    """
+    sheet = sheet_of(case, comm)
+    if case.accuracy is None:
+        return case, sheet
+    chosen = choose(case, sheet, say, logger.debug)
+    return chosen.case, chosen.sheet
 
 
 def _is_known(estimate: Estimate) -> bool:
@@ -192,9 +210,13 @@ def remember(case: Case, start: Start, path: Path) -> None:
 
 
 def _words_and_numbers(case: Case) -> tuple[str, list[float]]:
-    """Return a mark of all words in what the results of a case depend on, and its numbers."""
+    """Return a mark of what the results of a case depend on, and its numbers, which are apart.
+
+    The mark is of its words, of the contents of all files behind it, and of the code.
+    """
     text = case.model_dump_json(exclude={"title", "output"}, by_alias=True)
-    words = hashlib.sha256(_NUMBER.sub("#", text).encode()).hexdigest()[:16]
+    contents = json.dumps(contents_of(case))
+    words = digest(_NUMBER.sub("#", text), contents, code(Path(__file__).parent))
     return words, [float(number) for number in _NUMBER.findall(text)]
 
 
