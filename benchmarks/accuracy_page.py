@@ -14,7 +14,7 @@ from pathlib import Path
 import typer
 
 from wovenfab.cli.studies import study_accuracy
-from wovenfab.record.results import COMMAND
+from wovenfab.record.results import COMMAND, this_process
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "accuracy"
@@ -84,6 +84,7 @@ def write_page() -> None:
         if code := study_accuracy(Path(shown.case), output, shown.settings, shown.minutes):
             raise typer.Exit(code)
     text = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
+    text += f"\nCode of these figures: commit `{this_process().commit or 'unknown'}`.\n"
     PAGE.write_text(text + "".join(map(_section, STUDIES)), encoding="utf-8")
     print(f"\npage: {PAGE}")
 

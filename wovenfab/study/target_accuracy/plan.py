@@ -373,7 +373,10 @@ class _MeshSearch:
         return None if must_be_equal and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
-        """Keep the best; return the error."""
+        """Keep the best; return the error.
+
+        Of one mesh the last judgement counts: it is of a higher degree, or knows more.
+        """
         error, size = estimate.worst, case.discretisation.mesh_size
         self.report(f"degree {estimate.degree}: error {100 * error:.2g} %")
         logger.info(
@@ -381,8 +384,12 @@ class _MeshSearch:
             size, estimate.degree, error, self.target,
         )  # fmt: skip
         best = self.best
-        anew = best is not None and best.case.discretisation == case.discretisation
-        if anew or best is None or best.estimate is None or error < best.estimate.worst:
+        if (
+            best is None
+            or best.estimate is None
+            or best.sheet is sheet
+            or error < best.estimate.worst
+        ):
             self.best = Plan(case, sheet, estimate)
         return error
 
