@@ -225,7 +225,17 @@ def row(
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
         return Row(
-            number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended), slow, commit
+            number,
+            kind,
+            0,
+            0,
+            ended.seconds,
+            ended.seconds,
+            None,
+            None,
+            _cause(ended),
+            slow,
+            commit,
         )
     summary = read_summary(out)
     said = summary["accuracy"]
@@ -380,9 +390,7 @@ def rows_for(
     return rows
 
 
-def key_of(
-    number: int, seed: int, folder: Path, accuracy: float, drawn: Scenes = scene
-) -> str:
+def key_of(number: int, seed: int, folder: Path, accuracy: float, drawn: Scenes = scene) -> str:
     """Return a mark of what a row depends on: the scene and the sources that matter most."""
     return fingerprint(read_case(drawn(number, seed, folder, accuracy)), *SOURCES)
 

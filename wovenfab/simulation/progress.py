@@ -76,7 +76,7 @@ def memory_of_machines(comm: MPI.Comm) -> float:
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     shares = comm.allgather(memory_of_machine() / machine.size)
     machine.Free()
-    return sum(shares)
+    return float(sum(shares))
 
 
 def peak_memory() -> int:

@@ -139,8 +139,8 @@ def plan(
         case: A case with an accuracy.
         comm: The ranks.
         report: Called with a line on each trial.
-        limits: Of memory and time; a share of the memory of all machines, and the longer the smaller
-            the accuracy, if None.
+        limits: Of memory and time; if None a share of the memory of all machines, and the longer
+            the smaller the accuracy.
         start: Where the search starts.
         mesher: Returns the sheet of a case.
     """
