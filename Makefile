@@ -7,7 +7,7 @@ jobs  = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random layers stale unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -60,6 +60,17 @@ hard: ## run the hard cases and write docs/hard-cases.md; rows="locking long" fo
 random: ## 1 % on fabrics drawn at random: docs/random-fabrics.md (some hours; goes on)
 	$(enter) python3 -m benchmarks.random_scenes $(count) $(seed)
 	$(enter) python3 -m benchmarks.random_page
+
+layers: ## stated errors of twenty sheets with thin boundary layers (goes on)
+	$(enter) python3 -m benchmarks.layer_scenes $(count) $(seed)
+
+stale: ## tell which pages of results are of older code: whoever changed it makes them anew
+	@for page in accuracy hard-cases random-fabrics; do \
+	  for of in $$(sed -n '/^Code of these figures/s/[^`]*`\([0-9a-f]*\)`[^`]*/\1 /gp' docs/$$page.md); do \
+	    git diff --quiet $$of -- forms wovenfab configs && said="of this code" || said="of older code"; \
+	    echo "docs/$$page.md: commit $$of, $$said"; \
+	  done; \
+	done
 
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)

@@ -15,7 +15,7 @@ import typer
 
 from benchmarks.accuracy_picture import PICTURE, draw
 from wovenfab.cli.studies import study_accuracy
-from wovenfab.record.results import COMMAND
+from wovenfab.record.results import COMMAND, this_process
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "accuracy"
@@ -85,6 +85,7 @@ def write_page() -> None:
         if code := study_accuracy(Path(shown.case), output, shown.settings, shown.minutes):
             raise typer.Exit(code)
     text = (Path(__file__).parent / "accuracy_page.md").read_text(encoding="utf-8")
+    text += f"\nCode of these figures: commit `{this_process().commit or 'unknown'}`.\n"
     text += "".join(map(_section, STUDIES))
     PAGE.write_text(text, encoding="utf-8")
     os.environ[COMMAND] = "make accuracy"

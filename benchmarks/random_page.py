@@ -27,8 +27,8 @@ from benchmarks.random_scenes import (
     SEED,
     WANTED,
     Row,
+    commits,
     honesty,
-    key_of,
     list_of,
     name_of,
     scene,
@@ -61,18 +61,16 @@ KINDS = ("one placement, elastic", "one placement, friction", "two placements, e
          "two placements, friction", "Coulomb's law")  # fmt: skip
 
 
-def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case], list[int]]:
-    """Return what is stored for an accuracy, and which scenes another version has run."""
-    store, rows, cases, older = Store(RESULTS.resolve()), list[Row](), list[Case](), list[int]()
+def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case]]:
+    """Return what is stored for an accuracy."""
+    store, rows, cases = Store(RESULTS.resolve()), list[Row](), list[Case]()
     for number in range(1, COUNT + 1):
         name = name_of(number, SEED, accuracy)
         if known := store.load(name):
             folder = store.folder / name
             rows.append(Row(**known))
             cases.append(read_case(scene(number, SEED, folder, accuracy)))
-            if not store.load(name, key_of(number, SEED, folder, accuracy)):
-                older.append(number)
-    return rows, cases, older
+    return rows, cases
 
 
 def kind_of(case: Case) -> str:
@@ -131,15 +129,6 @@ def said_so(rows: list[Row]) -> str:
         f"Of those that fell short the search, which says so at its end, took {min(times):.0f} to "
         f"{max(times):.0f} s: {early} of {len(times)} at most {WANTED:g} s."
     )
-
-
-def versions(accuracy: float, rows: list[Row], older: list[int]) -> str:
-    """Return in a sentence which rows the present version has made, and which an earlier one."""
-    those = f"the {len(rows)} rows for {100 * accuracy:g} %"
-    if not older:
-        return f"The present version made {those}."
-    new = [str(row.scene) for row in rows if row.scene not in older]
-    return f"Of {those} the present version made {', '.join(new) or 'none'}; earlier ones the rest."
 
 
 def length_of(case: Case, strong: str, weak: str) -> float | None:
@@ -229,8 +218,8 @@ def figures(rows: list[Row], finer: list[Row], foreseen: int) -> list[Figure]:
 
 def main() -> int:
     """Write page and picture, print the fit and the figures, and return the exit code."""
-    rows, cases, older = rows_and_cases(ACCURACY)
-    finer, finer_cases, older_finer = rows_and_cases(FINER_ACCURACY)
+    rows, cases = rows_and_cases(ACCURACY)
+    finer, finer_cases = rows_and_cases(FINER_ACCURACY)
     kinds = [kind_of(case) for case in cases]
     expected = [
         expected_seconds(case, row.slowness) / row.seconds
@@ -257,9 +246,6 @@ def main() -> int:
     also += f" {said_so(rows)}"
     lines = costs(rows, kinds, ACCURACY, WANTED)
     lines += costs(finer, [kind_of(case) for case in finer_cases], FINER_ACCURACY, LIMIT)
-    version = versions(ACCURACY, rows, older)
-    if finer:
-        version += f" {versions(FINER_ACCURACY, finer, older_finer)}"
     hard = (
         "## What makes it hard\n\nUnknowns that 1 % took, in the middle of each quarter of the "
         "rectangles in the order of a length over the width (in brackets):\n\n"
@@ -267,11 +253,11 @@ def main() -> int:
         f"All have {IN_ALL.rstrip(', ')}.\n\n"
     )
     cost = markdown(COSTS, lines, (0, 1))
-    text = f"{head}{cost}\n\n{words} {also} {version}\n\n{hard}{table(rows)}\n"
+    text = f"{head}{cost}\n\n{words} {also}\n\n{hard}{table(rows)}\n"
     if short := [r for r in finer if not r.reaches(FINER_ACCURACY, LIMIT)]:
         text += f"\n## Where {100 * FINER_ACCURACY:g} % was not reached\n\n{list_of(short)}\n"
     if finer:
-        text += f"\n{honesty(finer, FINER_ACCURACY)}\n"
+        text += f"\n{honesty(finer, FINER_ACCURACY)}\n{commits(finer)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
     print("TRIALS", fitted(known, [r.pilot / r.slowness for r in every]))

@@ -12,7 +12,7 @@ import json
 import re
 import shutil
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import numpy as np
 
 from wovenfab.case import Case, read_case
 from wovenfab.record.fingerprint import fingerprint
-from wovenfab.record.results import markdown
+from wovenfab.record.results import markdown, this_process
 from wovenfab.record.summary import read_summary
 from wovenfab.simulation.response import NOTHING
 from wovenfab.study.runner import (
@@ -54,6 +54,8 @@ SHORTER = 4
 NO_REFERENCE = "no reference"
 #: Effects that all scenes have.
 IN_ALL = "stretch, shear, bending, "
+#: Writes the case of a scene of a number and seed into a folder, for an accuracy.
+Scenes = Callable[[int, int, Path, float], Path]
 FIGURES = ("peak_force_N", "dissipated_J")
 
 
@@ -71,6 +73,7 @@ class Row:
             None where there is none, or not yet.
         reason: Why it fell short or failed; empty if not.
         slowness: Of the machine then, over that of the machine of ``check``.
+        commit: Commit of the code; empty if unknown.
     """
 
     scene: int
@@ -83,6 +86,7 @@ class Row:
     true: float | None
     reason: str
     slowness: float = 1.0
+    commit: str = ""
 
     @property
     def fell_short(self) -> bool:
@@ -197,7 +201,9 @@ def _friction(draw: np.random.Generator, strength: str | float, slope: str | flo
     return {"strength": strength, "slope": slope}
 
 
-def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row:
+def row(
+    number: int, seed: int, folder: Path, accuracy: float = ACCURACY, drawn: Scenes = scene
+) -> Row:
     """Run a scene.
 
     Args:
@@ -205,16 +211,27 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
         seed: Of all scenes.
         folder: For its files and results.
         accuracy: That is wanted.
+        drawn: Writes scenes.
     """
-    path, out, cache = scene(number, seed, folder, accuracy), folder / "run", folder / "cache"
+    path, out, cache = drawn(number, seed, folder, accuracy), folder / "run", folder / "cache"
     kind = read_case(path).title
     shutil.rmtree(cache, ignore_errors=True)  # of a run that was broken off
-    slow = slowness()
+    slow, commit = slowness(), this_process().commit
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
         return Row(
-            number, kind, 0, 0, ended.seconds, ended.seconds, None, None, _cause(ended), slow
+            number,
+            kind,
+            0,
+            0,
+            ended.seconds,
+            ended.seconds,
+            None,
+            None,
+            _cause(ended),
+            slow,
+            commit,
         )
     summary = read_summary(out)
     said = summary["accuracy"]
@@ -223,7 +240,7 @@ def row(number: int, seed: int, folder: Path, accuracy: float = ACCURACY) -> Row
     return Row(
         number, kind, summary["unknowns"], summary["steps"], ended.seconds,
         summary["wall_time_s"]["pilot"], stated, None, said["shortfall"],
-        slow,
+        slow, commit,
     )  # fmt: skip
 
 
@@ -232,7 +249,9 @@ def _cause(ended: Ended) -> str:
     return ended.failure.partition(";")[0]
 
 
-def compare(store: Store, rows: dict[str, Row], seed: int, accuracy: float) -> None:
+def compare(
+    store: Store, rows: dict[str, Row], seed: int, accuracy: float, drawn: Scenes = scene
+) -> None:
     """Give rows their true errors, by runs with finer cells and shorter steps.
 
     Args:
@@ -240,6 +259,7 @@ def compare(store: Store, rows: dict[str, Row], seed: int, accuracy: float) -> N
         rows: By their names; those that are compared already stay as they are.
         seed: Of all scenes.
         accuracy: For which the rows were made.
+        drawn: Writes scenes.
     """
     names = [name for name, made in rows.items() if made.lacks_reference]
 
@@ -247,7 +267,7 @@ def compare(store: Store, rows: dict[str, Row], seed: int, accuracy: float) -> N
         name = names[index]
         folder = store.folder / name
         rows[name] = compared(rows[name], folder, ended)
-        _keep(store, name, key_of(rows[name].scene, seed, folder, accuracy), rows[name])
+        _keep(store, name, key_of(rows[name].scene, seed, folder, accuracy, drawn), rows[name])
 
     execute_all([_reference(store.folder / name) for name in names], here(RANKS), keep)
 
@@ -331,11 +351,17 @@ def honesty(rows: list[Row], accuracy: float) -> str:
     )
 
 
+def commits(rows: list[Row]) -> str:
+    """Return in a sentence which commits made the rows."""
+    known = sorted({row.commit for row in rows if row.commit})
+    return f"Code of these figures: commit {', '.join(f'`{c}`' for c in known) or 'unknown'}."
+
+
 def table(rows: list[Row], accuracy: float = ACCURACY, wanted: float = WANTED) -> str:
     """Return the rows for an accuracy as a table, and what they amount to."""
     good = sum(r.reaches(accuracy, wanted) for r in rows)
     words = f"{good} of {len(rows)} within {100 * accuracy:g} % and {wanted:g} s on {RANKS} ranks."
-    return "\n".join([list_of(rows), "", words, honesty(rows, accuracy)])
+    return "\n".join([list_of(rows), "", words, honesty(rows, accuracy), commits(rows)])
 
 
 def name_of(number: int, seed: int, accuracy: float) -> str:
@@ -343,24 +369,26 @@ def name_of(number: int, seed: int, accuracy: float) -> str:
     return f"{seed}-{number}" + (f"-{accuracy:g}" if accuracy != ACCURACY else "")
 
 
-def rows_for(store: Store, count: int, seed: int, accuracy: float) -> dict[str, Row]:
+def rows_for(
+    store: Store, count: int, seed: int, accuracy: float, drawn: Scenes = scene
+) -> dict[str, Row]:
     """Return the rows of so many scenes by their names, of which those that lack are run."""
     rows = {}
     for number in range(1, count + 1):
         name = name_of(number, seed, accuracy)
         folder = store.folder / name
         folder.mkdir(parents=True, exist_ok=True)
-        key = key_of(number, seed, folder, accuracy)
+        key = key_of(number, seed, folder, accuracy, drawn)
         known = store.load(name, key)
-        rows[name] = Row(**known) if known else row(number, seed, folder, accuracy)
+        rows[name] = Row(**known) if known else row(number, seed, folder, accuracy, drawn)
         if not known:
             _keep(store, name, key, rows[name])
     return rows
 
 
-def key_of(number: int, seed: int, folder: Path, accuracy: float) -> str:
+def key_of(number: int, seed: int, folder: Path, accuracy: float, drawn: Scenes = scene) -> str:
     """Return a mark of what a row depends on: the scene and the code."""
-    return fingerprint(read_case(scene(number, seed, folder, accuracy)))
+    return fingerprint(read_case(drawn(number, seed, folder, accuracy)))
 
 
 def _keep(store: Store, name: str, key: str, made: Row) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from wovenfab.case import read_case
 from wovenfab.cli.run import run_case
-from wovenfab.study.target_accuracy import plan as pilot
+from wovenfab.simulation import progress
 
 CASE = Path(__file__).parents[2] / "configs" / "elastic-1x3.yaml"
 SMALL = "{type: ramp, to: 20 mm, steps: 4}"
@@ -18,7 +18,7 @@ SMALL = "{type: ramp, to: 20 mm, steps: 4}"
 def test_a_run_tells_at_once_what_cannot_be_reached_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(pilot, "memory_of_machine", lambda: 2e8)
+    monkeypatch.setattr(progress, "memory_of_machine", lambda: 2e8)
     overrides = "accuracy=0.001 %", "discretisation=null", f"program={SMALL}"
     code = run_case(CASE, tmp_path, [*overrides, "output.pictures=false"], overwrite=True)
     said = capsys.readouterr().out

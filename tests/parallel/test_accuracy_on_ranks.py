@@ -12,6 +12,7 @@ from mpi4py import MPI
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.model.assembly import cache_folder
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation import progress
 from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.response import (
     Response,
@@ -143,3 +144,18 @@ def test_a_field_is_the_same_in_elements_of_higher_degree_on_any_rank(angle: int
         model.field.x.array.reshape(-1, 2)[:] = np.column_stack([x + y**2, y - x * y])
     found = prolongated(low.field.x.array, low, high)
     assert found == pytest.approx(high.field.x.array, abs=1e-13)
+
+
+def test_limits_of_memory_are_the_same_on_nodes_of_different_memory(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else ranks would end the search at different meshes, and wait for each other for ever."""
+    case = read_case(
+        CONFIGS / "elastic-1x3.yaml",
+        ["accuracy=1 %", "discretisation=null", "program={type: ramp, to: 20 mm, steps: 4}"],
+    )
+    monkeypatch.setattr(progress, "memory_of_machine", lambda: 1.6e8 if COMM.rank else 2.0e8)
+    found = plan(case, COMM, lambda line: None)
+    words = f"{found.case.discretisation}, {found.shortfall}"
+    assert COMM.allgather(words) == [words] * COMM.size
+    assert "GB of memory" in found.shortfall

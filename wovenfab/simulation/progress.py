@@ -69,6 +69,16 @@ def memory_of_machine() -> float:
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
+def memory_of_machines(comm: MPI.Comm) -> float:
+    """Return the memory of all machines of some ranks (bytes), the same on each; collective."""
+    from mpi4py import MPI  # starts MPI, which a command does after it has read its case
+
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    shares = comm.allgather(memory_of_machine() / machine.size)
+    machine.Free()
+    return float(sum(shares))
+
+
 def peak_memory() -> int:
     """Return the largest memory of this process so far (bytes).
 
@@ -202,11 +212,7 @@ def require_memory(case: Case, unknowns: int, comm: MPI.Comm) -> None:
     Raises:
         CaseError: On every rank.
     """
-    from mpi4py import MPI  # starts MPI, which a command does after it has read its case
-
-    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    have = comm.allreduce(memory_of_machine() / machine.size)
-    machine.Free()
+    have = memory_of_machines(comm)
     if (need := memory(unknowns)) > have:
         message = (
             f"about {unknowns:.3g} unknowns need about {need / 1e9:.3g} GB of memory, "

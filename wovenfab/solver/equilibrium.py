@@ -132,11 +132,17 @@ class EquilibriumSolver:
             "sharp": self._is_sharp,
             "smooth_law": self._smooth_law.snapshot(),
             "stress": stress.snapshot() if stress else None,
+            "sharp_stress": self._sharp[1].snapshot() if self._sharp else None,
             "newton": self.newton.snapshot(),
         }
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from a snapshot; collective."""
+        if kept := snapshot.get("sharp_stress"):  # none in checkpoints of an earlier version
+            self._use_points()
+            assert self.problem.point_stress is not None
+            self.problem.point_stress.resume(kept)
+            self._use_smooth_law()
         if snapshot["sharp"]:
             self._use_points()
         if "smooth_law" in snapshot:  # else a checkpoint of an earlier version
@@ -207,12 +213,16 @@ class EquilibriumSolver:
         return self.problem.model is not self.model
 
     def _use_points(self) -> None:
-        """Change to forms with the stress of all bounded friction at points."""
+        """Change to forms with the stress of all bounded friction at points.
+
+        Stresses and stiffnesses of the last time are where it starts: nearer than none, since a
+        smooth law gives the stress by the rate alone.
+        """
         if self._sharp is None:
             model = with_point_friction(self.model)
             self._sharp = model, self._stress_of(model)
         self.problem.model, self.problem.point_stress = self._sharp
-        self.problem.point_stress.forget()
+        self.problem.point_stress.restore()
 
     def _use_smooth_law(self) -> None:
         """Change back to the model's own forms."""

@@ -249,8 +249,8 @@ class NewtonSolver:
         inside = problem.point_stress.correct(self.linear, y) if problem.point_stress else 1.0
         length = min(inside, self.admissible_length(y))
         if problem.point_stress:
-            problem.point_stress.advance(length)
             self.line_search.note(length)
+            length = problem.point_stress.advance(length)
         elif problem.attained:
             length = self.search_line(x, y, length)
         else:

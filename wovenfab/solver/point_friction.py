@@ -200,11 +200,23 @@ class PointStress:
         share = 1 - min(1 - SHARE, now / self._sum(interior.loss()))
         return min(1.0, share * longest)
 
-    def advance(self, length: float) -> None:
-        """Take a step of some length."""
+    def advance(self, length: float) -> float:
+        """Take a step, and return its length.
+
+        A first step by the tangents of the last step is taken whole or not at all: where the
+        motion turned in the last step, points that stick are extrapolated as if they slid, and
+        the step that takes this back may be far too long. The next one is then as if all slid.
+
+        Args:
+            length: The largest that keeps the iterate admissible, up to one.
+        """
+        if self._goes_on and not self._started and length < 1.0:
+            self._goes_on = False
+            return 0.0
         if self._started and self._move is not None:
             self._interior.advance(self._move, length)
         self._moved = not self._idle
+        return length
 
     def obeys_law(self, tolerance: float, energy: Callable[[], float]) -> bool:
         """Return whether the stresses obey their laws; collective.

@@ -189,7 +189,8 @@ FAMILY = Family(
         "reversal, in 15 steps. Stress over bound is the largest |tau|/zeta of all points; the "
         "least loss is that of a step over what all lose. A step that Newton's method does not "
         "solve in 12 iterations is begun anew with the stress as a variable at quadrature points, "
-        "and so are all later ones; iterations are those of the attempt that succeeds. How the "
+        "and so is the next one; after each further such failure twice as many, 32 at most. "
+        "Iterations are those of the attempt that succeeds. How the "
         "loop of the smooth law tends to Coulomb's is printed by "
         "`pytest -s tests/verification/test_coulomb.py`."
     ),

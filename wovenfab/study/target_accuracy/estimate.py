@@ -50,8 +50,9 @@ SLOWEST, FASTEST = 1.0, 40.0
 #: to slide the solution has a kink, or bends sharply, at fronts that cells do not follow; two
 #: degrees may agree by chance.
 FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
-#: Fastest convergence that is believed where four degrees show no faster one: layers that coarse
-#: cells do not resolve let the loss change little from degree 4 to degree 5, and yet be too large.
+#: Fastest convergence that is believed where four degrees show no faster one, and where the values
+#: turn: layers that coarse cells do not resolve let the loss change little from degree 4 to degree
+#: 5, and yet be too large. Degree 2 is too soft there and degree 3 too stiff, as is the next.
 FASTEST_UNSHOWN = 5.0
 #: Error of the highest degree over the last change, at least, where values have a trend and where
 #: they have none: with friction one degree may be too soft and the next one too stiff.
@@ -73,8 +74,9 @@ def error_of_degrees(
     The values are taken to follow ``limit + C p^-r``, as they do where corners are
     singular; where they converge faster, r comes out large and the error of each is
     nearly its distance from the next. A last change that is smaller than the fastest
-    convergence explains is taken to be as large as that. A degree below the three
-    tells more: changes may fall geometrically, as those of smooth solutions do.
+    convergence explains is taken to be as large as that: two degrees may agree by chance,
+    above all where the values turn. A degree below the three tells more: changes may fall
+    geometrically, as those of smooth solutions do.
 
     Args:
         degrees: Three degrees, one after another, or four.
@@ -86,6 +88,8 @@ def error_of_degrees(
     """
     low, middle, high = degrees[-3:]
     *before, first, second = (a - b for a, b in pairwise(values))
+    if first * second < 0:
+        fastest = min(fastest, FASTEST_UNSHOWN)
 
     def ratio(r: float) -> float:
         return float((low**-r - middle**-r) / (middle**-r - high**-r))
@@ -116,7 +120,8 @@ def error_of_degree(
     """Return the signed error of the value from one of the degrees, on the safe side.
 
     No higher degree confirms the highest one: its error is at least two thirds of the last
-    change, as far as that is believed, and twice the last change if there is no trend.
+    change, as far as that is believed, and twice the last change if there is no trend. Without a
+    trend no higher degree confirms the one below it either: that has the last change besides.
 
     Args:
         degrees: Three degrees, one after another, or four.
@@ -125,11 +130,12 @@ def error_of_degree(
         fastest: Largest exponent of convergence that is believed.
     """
     _, middle, high = error_of_degrees(degrees, values, fastest)
-    if degree < max(degrees):
-        return middle
     first, second = (a - b for a, b in pairwise(values[-3:]))
-    turned = 0.0 if first * second > 0 else WITHOUT_TREND * second
-    return max(high, UNCONFIRMED * (middle - high), turned, key=abs)
+    turns, change = first * second < 0, middle - high
+    highest = max(high, (WITHOUT_TREND if turns else UNCONFIRMED) * change, key=abs)
+    if degree == max(degrees):
+        return highest
+    return change + highest if turns else middle
 
 
 def error_and_order(

@@ -14,7 +14,7 @@ from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.progress import memory, memory_of_machine
+from wovenfab.simulation.progress import memory, memory_of_machines
 from wovenfab.simulation.response import (
     Response,
     TooLongError,
@@ -49,7 +49,7 @@ from wovenfab.study.target_accuracy.trials import (
 
 logger = logging.getLogger(__name__)
 
-#: Share of the machine's memory that a run may take.
+#: Share of the memory of all machines that a run may take.
 MEMORY_SHARE = 0.6
 #: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
 STEPS_SHARE = 0.25
@@ -139,8 +139,8 @@ def plan(
         case: A case with an accuracy.
         comm: The ranks.
         report: Called with a line on each trial.
-        limits: Of memory and time; a share of the machine's memory, and the longer the smaller
-            the accuracy, if None.
+        limits: Of memory and time; if None a share of the memory of all machines, and the longer
+            the smaller the accuracy.
         start: Where the search starts.
         mesher: Returns the sheet of a case.
     """
@@ -155,7 +155,7 @@ def plan(
     if limits is None:
         least, most = PATIENCE
         seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
-        limits = Limits(memory_of_machine() * MEMORY_SHARE, seconds, seconds)
+        limits = Limits(memory_of_machines(comm) * MEMORY_SHARE, seconds, seconds)
     few = 1.0 if has_fixed_steps(base) else FEW
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
     search, steps, error_of_few = None, None, 0.0
@@ -373,7 +373,10 @@ class _MeshSearch:
         return None if must_be_equal and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
-        """Keep the best; return the error."""
+        """Keep the best; return the error.
+
+        Of one mesh the last judgement counts: it is of a higher degree, or knows more.
+        """
         error, size = estimate.worst, case.discretisation.mesh_size
         self.report(f"degree {estimate.degree}: error {100 * error:.2g} %")
         logger.info(
@@ -381,8 +384,12 @@ class _MeshSearch:
             size, estimate.degree, error, self.target,
         )  # fmt: skip
         best = self.best
-        anew = best is not None and best.case.discretisation == case.discretisation
-        if anew or best is None or best.estimate is None or error < best.estimate.worst:
+        if (
+            best is None
+            or best.estimate is None
+            or best.sheet is sheet
+            or error < best.estimate.worst
+        ):
             self.best = Plan(case, sheet, estimate)
         return error
 

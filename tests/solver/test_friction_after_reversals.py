@@ -1,0 +1,52 @@
+"""Friction that reverses in sheets: few iterations, and steps that need not be cut."""
+
+from __future__ import annotations
+
+from itertools import takewhile
+from typing import Any
+
+from mpi4py import MPI
+
+from benchmarks.hard.families.sharp_friction import ELASTIC, SOUND, WAYS, path
+from benchmarks.hard.measurement import Measurement
+from wovenfab.case import Case
+from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.stepping.step import Step
+
+#: A bias extension and back of a weave of which one family hardly resists bending.
+UNBALANCED: dict[str, Any] = {
+    "sheet": {"length": "300 mm", "width": "100 mm", "fibres": ["45 deg", "-45 deg"]},
+    "effects": {
+        "stretch": {"stiffness": "5e4 N/m"},
+        "shear": {"stiffness": "10 N/m"},
+        "bending": {"stiffness": ["1e-2 N*m", "1e-5 N*m"]},
+        "spin_friction": {"strength": "3 N/m", "law": "coulomb"},
+    },
+    "boundary": {"left": "clamp", "right": {"displacement": ["program", 0]}},
+    "program": {"type": "cycles", "amplitudes": "45 mm", "frequency": "0.1 Hz"},
+    "discretisation": {"degree": 2, "mesh_size": "50 mm"},
+    "time": {"steps_per_cycle": 20},
+}
+
+
+def test_sharp_friction_goes_on_at_points_from_the_stresses_that_were_there_last() -> None:
+    """Else the instant reversal takes 13 iterations."""
+    law = "effects.slip_friction={strength: 1e5, slope: 1e6}"
+    run = Measurement(ELASTIC.but(path(WAYS[:3]), law)).run()
+    worst = next(bound.most for bound in SOUND if bound.figure == "worst")
+    assert run.end == "finished"
+    assert max(step.iterations for step in run.steps) <= worst
+    assert not sum(step.cutbacks for step in run.steps)
+
+
+def test_steps_after_a_reversal_are_not_cut_where_one_family_hardly_bends() -> None:
+    """Stuck points are extrapolated as if they slid: that first step is far too long."""
+    case = Case(**UNBALANCED)
+    steps: list[Step] = []
+    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+        stepped = simulation.stepper.steps()
+        steps += takewhile(lambda step: step.time < 6.9, stepped)
+    assert max(step.displacement for step in steps) > steps[-1].displacement + 0.005
+    assert not sum(step.cutbacks for step in steps)
+    assert len(steps) == 14
