@@ -13,7 +13,8 @@ from tests import scenes
 from tests.outlines import LENGTHS, assert_edges, edge_lengths
 from wovenfab.compat import corners_of
 from wovenfab.sheet.geometry_file import GeometryFile, from_file
-from wovenfab.sheet.gmsh_io import graded_rectangle, stated_points
+from wovenfab.sheet.gmsh_io import graded_rectangle
+from wovenfab.sheet.msh import stated_points
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"

@@ -256,7 +256,7 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
             )
         graded: tuple[str, ...] = ("fibres", "unstructured")
     else:
-        made = sheet.file.suffix == ".msh"
+        made = sheet.file.suffix.lower() == ".msh"
         known = ("fibres", "unstructured") if not made else ()
         graded = ("fibres",) if not made else ()
         fixed = ("mesh", "mesh_size") if made else () if mesh in known else ("mesh",)
