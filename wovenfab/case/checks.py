@@ -36,6 +36,7 @@ from wovenfab.case.effects import (
 )
 from wovenfab.case.errors import KeyPath, near_miss, one_of
 from wovenfab.case.formula import Expression
+from wovenfab.case.petsc import refused
 from wovenfab.case.program import (
     Finding,
     Hold,
@@ -51,6 +52,7 @@ from wovenfab.case.schema import (
     Output,
     Rectangle,
     SheetFile,
+    Solver,
     Time,
     possible_fields,
 )
@@ -394,3 +396,9 @@ def _infinite(path: KeyPath, values: Array, x: Array, y: Array) -> Iterator[Find
 
 def _place(x: Array, y: Array, i: int) -> str:
     return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"
+
+
+@_rule
+def _petsc(solver: Solver) -> Iterator[Finding]:
+    for name, message, remedy in refused(solver.petsc):
+        yield ("solver", "petsc", name), message, remedy

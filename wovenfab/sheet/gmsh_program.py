@@ -73,7 +73,10 @@ def _meshed(
         if type(error) is not Exception:  # that of gmsh
             raise
         why = str(error).replace(f"'{path}', ", "")  # gmsh names the file again
-        text = f"gmsh cannot mesh it: {why}"
+        nothing = (
+            f"it ends without a word, as where {request['memory'] / 1e9:.1f} GB of memory are "
+        )
+        text = f"gmsh cannot mesh it: {why or nothing + 'too little for too many cells'}"
         if not _ends(path):
             text += "; its last line has no line end: add one, for gmsh reads that line otherwise"
         raise GeometryError(text) from error
