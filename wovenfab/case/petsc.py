@@ -10,8 +10,8 @@ import re
 from collections.abc import Iterator, Mapping
 
 #: Linear solvers, preconditioners, packages and orderings of PETSc itself or that come with it.
-_SOLVERS = """preonly cg cgne cr fcg pipecg groppcg minres symmlq gmres fgmres lgmres dgmres gcr bcgs
-    bcgsl fbcgs ibcgs tfqmr tcqmr cgs lsqr richardson chebyshev"""
+_SOLVERS = """preonly cg cgne cr fcg pipecg groppcg minres symmlq gmres fgmres lgmres dgmres gcr
+    bcgs bcgsl fbcgs ibcgs tfqmr tcqmr cgs lsqr richardson chebyshev"""
 _PRECONDITIONERS = """none jacobi sor bjacobi pbjacobi asm gasm ilu icc lu cholesky gamg redundant
     telescope ksp eisenstat kaczmarz svd qr"""
 _PACKAGES = """petsc mumps superlu superlu_dist umfpack cholmod klu spqr strumpack mkl_pardiso"""

@@ -29,8 +29,6 @@ Triangles = NDArray[np.int64]
 
 #: Ends of the names of files that have no names for curves, and state their unit.
 STEP = (".step", ".stp")
-#: Curves that a message lists at most.
-LISTED = 12
 #: Distance from the origin, in sizes of the sheet, at most: positions are unknowns of the solver.
 FAR = 1e4
 #: A sheet is flat if its z differs by less than this share of its size.
@@ -206,10 +204,8 @@ def _described(curves: list[Curve]) -> str:
 
 
 def _listed(curves: Iterable[Curve]) -> str:
-    """Return the first of some curves in words."""
-    every = [str(curve) for curve in curves]
-    more = f" and {len(every) - LISTED} more" if len(every) > LISTED else ""
-    return ", ".join(every[:LISTED]) + more
+    """Return curves in words."""
+    return ", ".join(map(str, curves))
 
 
 def _geometry(mesh: FileMesh, file: GeometryFile) -> Geometry:

@@ -41,7 +41,9 @@ def main(folder: Path) -> None:
         head, arrays = _meshed(load_gmsh(), request, folder)
     except GeometryError as error:
         head = {"problem": str(error), "key": error.key}
-    np.savez(folder / "mesh.npz", head=np.array(json.dumps(head)), **arrays)
+    arrays["head"] = np.array(json.dumps(head))
+    with (folder / "mesh.npz").open("wb") as file:
+        np.savez(file, allow_pickle=False, **arrays)
 
 
 def _meshed(
@@ -152,7 +154,8 @@ def _require_few(gmsh: Any, request: dict[str, Any]) -> None:
 
 def _result(gmsh: Any, path: Path) -> tuple[dict[str, Any], dict[str, NDArray[Any]]]:
     """Return what describes the present mesh, and its arrays."""
-    mesh, arrays = gmsh.model.mesh, {}
+    mesh = gmsh.model.mesh
+    arrays: dict[str, NDArray[Any]] = {}
     arrays["points"], rows = nodes_of(gmsh)
     entities = {dim: [int(tag) for _, tag in gmsh.model.getEntities(dim)] for dim in (1, 2)}
     for dim, numbers in entities.items():

@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +33,8 @@ NODES = {
 LINES = {1, 8, 26, 27, 28, 62, 63, 64, 65, 66}
 TRIANGLES = {2, 9, 20, 21, 22, 23, 24, 25}
 QUADRILATERALS = {3, 10, 16, 36, 37, 38}
-#: Kinds of numbers: int, size_t and double of C.
-Kind = Literal["i", "s", "d"]
+#: Kinds of whole numbers: int and size_t of C.
+Kind = Literal["i", "s"]
 REMEDY = "write it anew: gmsh FILE.geo -2 -format msh41 -o FILE.msh"
 #: Tags of an element at most, and elements of a text that are read together.
 MOST_TAGS, TOGETHER = 1000, 1000
@@ -137,8 +137,19 @@ class _Numbers:
         self._types = {"i": f"{binary}i4", "s": f"{binary}i8", "d": f"{binary}f8"}
         self._text: Array | None = None if binary else _parsed(name, content)
 
-    def take(self, kind: Kind, count: int = 1) -> NDArray[np.int64] | Array:
-        """Return the next numbers of a kind, shape (count,)."""
+    def reals(self, count: int) -> Array:
+        """Return the next real numbers, shape (count,)."""
+        return self._next("d", count).astype(np.float64)
+
+    def integers(self, kind: Kind, count: int) -> Rows:
+        """Return the next whole numbers of a kind, shape (count,)."""
+        part = self._next(kind, count)
+        if self._text is not None:
+            if not (np.abs(part) < 2.0**53).all() or (part != np.round(part)).any():
+                raise _broken(self.name, "has a number that must be whole, and is not")
+        return part.astype(np.int64)
+
+    def _next(self, kind: str, count: int) -> NDArray[Any]:
         if self._text is not None:
             left, size = len(self._text) - self._at, 1
         else:
@@ -148,24 +159,18 @@ class _Numbers:
             raise _broken(self.name, "is cut short, or states wrong numbers of what it has")
         start, self._at = self._at, self._at + count * size
         if self._text is None:
-            found = np.frombuffer(self._content, self._types[kind], count, start)
-            return found.astype(np.float64 if kind == "d" else np.int64)
-        part = self._text[start : self._at]
-        if kind == "d":
-            return part
-        if not (np.abs(part) < 2.0**53).all() or (part != np.round(part)).any():
-            raise _broken(self.name, "has a number that must be whole, and is not")
-        return part.astype(np.int64)
+            return np.frombuffer(self._content, self._types[kind], count, start)
+        return self._text[start : self._at]
 
     def whole(self, kind: Kind, count: int = 1) -> list[int]:
         """Return the next whole numbers."""
-        return [int(number) for number in self.take(kind, count)]
+        return [int(number) for number in self.integers(kind, count)]
 
     def rest(self) -> NDArray[np.int64]:
         """Return all that is left, whole numbers."""
         if self._text is not None:
-            return self.take("i", len(self._text) - self._at)
-        return self.take("i", (len(self._content) - self._at) // 4)
+            return self.integers("i", len(self._text) - self._at)
+        return self.integers("i", (len(self._content) - self._at) // 4)
 
     def records(self, kind: np.dtype[np.void], count: int) -> NDArray[np.void]:
         """Return the next records of a binary section."""
@@ -229,17 +234,18 @@ class _Format:
                 found = values.records(kind, count)
                 values.end()
                 return found["tag"].astype(np.int64), found["x"].astype(np.float64)
-            rows = values.take("d", 4 * count).reshape(-1, 4)
+            rows = values.reals(4 * count).reshape(-1, 4)
             values.end()
             return rows[:, 0].astype(np.int64), rows[:, 1:]
-        tags, points = [np.zeros(0, np.int64)], [np.zeros((0, 3))]
+        tags: list[Rows] = [np.zeros(0, np.int64)]
+        points: list[Array] = [np.zeros((0, 3))]
         blocks, *_ = values.whole("s", 4)
         for _ in range(blocks):
             dim, _, parametric = values.whole("i", 3)
             (count,) = values.whole("s")
-            tags.append(values.take("s", count))
+            tags.append(values.integers("s", count))
             width = 3 + (dim if parametric else 0)
-            points.append(values.take("d", width * count).reshape(-1, width)[:, :3])
+            points.append(values.reals(width * count).reshape(-1, width)[:, :3])
         values.end()
         return np.concatenate(tags), np.concatenate(points)
 
@@ -255,7 +261,7 @@ class _Format:
             dim, entity, kind = values.whole("i", 3)
             (count,) = values.whole("s")
             width = 1 + _nodes_of(kind)
-            rows = values.take("s", width * count).reshape(-1, width)
+            rows = values.integers("s", width * count).reshape(-1, width)
             yield _Block(kind, entity, groups.get((dim, entity), ()), rows[:, 1:])
         values.end()
 
@@ -268,11 +274,11 @@ class _Format:
         for dim, count in enumerate(values.whole("s", 4)):
             for _ in range(count):
                 (number,) = values.whole("i")
-                values.take("d", 6 if dim else 3)
+                values.reals(6 if dim else 3)
                 found = values.whole("i", values.whole("s")[0])
                 groups[dim, number] = tuple(abs(group) for group in found)
                 if dim:
-                    values.take("i", values.whole("s")[0])
+                    values.integers("i", values.whole("s")[0])
         values.end()
         return groups
 

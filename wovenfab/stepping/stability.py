@@ -10,6 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.sheet.narrow import FlatCell, flattest_cell
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.globalisation import CROSSING_SHARE
 from wovenfab.solver.problem import SolveResult
@@ -126,6 +127,7 @@ class Stability:
         """Start without a loss."""
         self._solver, self._problem, self._treatment = solver, solver.problem, treatment
         self.loss: StabilityLoss | None = None
+        self._flat: FlatCell | None = None
 
     @property
     def follows(self) -> bool:
@@ -174,6 +176,7 @@ class Stability:
                 mode=softest_mode(self._solver),
                 second=second,
             )
+            self._flat = self._flat_cell_at_rest(force)
         if self.follows:
             return leave_saddle(self._solver, self.loss.mode)
         return result
@@ -191,7 +194,25 @@ class Stability:
             if self.follows
             else "solver.stability=follow goes on along the branch"
         )
+        if self._flat is not None:
+            remedy = (
+                f"no load acts there, so that rounding errors must be the cause: {self._flat}; "
+                "remove the narrow place from the geometry ('wovenfab check' names it)"
+            )
         return StabilityLostError(self.loss, remedy, cutbacks)
+
+    def _flat_cell_at_rest(self, force: NDArray[np.float64]) -> FlatCell | None:
+        """Return the flattest cell if a minimum without forces turns unstable for it; collective.
+
+        Args:
+            force: Internal force of the minimum at own unknowns, N.
+        """
+        model = self._problem.model
+        square = float(model.comm.allreduce(float(force @ force)))
+        if square > self._solver.newton.rounding**2:
+            return None
+        cell = flattest_cell(model.sheet.mesh)
+        return cell if cell.is_too_flat else None
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(list(self._problem.constraints.reactions(force).values()))
