@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from tests.fuzz import geometries
 from tests.fuzz.__main__ import GOOD, fuzz
 
 
 def test_mutated_cases_are_accepted_or_refused_in_words() -> None:
     # Other tests share the processors: only a check without an end is too long here.
     assert fuzz(range(24), seconds=60.0).keys() <= GOOD
+
+
+def test_mutated_geometry_files_are_accepted_or_refused_in_words() -> None:
+    assert geometries.fuzz(range(12), seconds=60.0).keys() <= GOOD

@@ -144,9 +144,9 @@ class _Numbers:
     def integers(self, kind: Kind, count: int) -> Rows:
         """Return the next whole numbers of a kind, shape (count,)."""
         part = self._next(kind, count)
-        if self._text is not None:
-            if not (np.abs(part) < 2.0**53).all() or (part != np.round(part)).any():
-                raise _broken(self.name, "has a number that must be whole, and is not")
+        exact = self._text is None or (np.abs(part) < 2.0**53).all()
+        if not exact or (part != np.round(part)).any():
+            raise _broken(self.name, "has a number that must be whole, and is not")
         return part.astype(np.int64)
 
     def _next(self, kind: str, count: int) -> NDArray[Any]:

@@ -305,11 +305,6 @@ class Convergence:
         """Go on with those of a snapshot."""
         take_attributes(self, snapshot, *MEMORY)
 
-    @property
-    def rounding(self) -> float:
-        """Norm of the force (N) that rounding errors of the placements make."""
-        return self._blur * self._stiffness
-
     def measure(self, stiffness: float, farthest: float) -> None:
         """Note the size of a tangent (N/m) and the largest displacement (m) it was formed at."""
         self._stiffness = stiffness
@@ -354,7 +349,7 @@ class Convergence:
             left: Share of the residual that the last step left, if its tangent was an older one.
         """
         largest = max(self._force, force)
-        if residual <= max(self._tolerance * largest, self.rounding):
+        if residual <= max(self._tolerance * largest, self._blur * self._stiffness):
             return int(Reason.CONVERGED_FNORM_RELATIVE)
         least = self._tolerance * self.scale_of(energy)
         if left is not None:

@@ -169,11 +169,6 @@ class NewtonSolver:
         name: str = _REASONS.get(value, str(value))
         return name
 
-    @property
-    def rounding(self) -> float:
-        """Norm of the force (N) that rounding errors of the placements make."""
-        return self._convergence.rounding
-
     def judge(self) -> int:
         """Return the number of negative eigenvalues at a solution; note its force and energy."""
         moved = self.snes.getIterationNumber() > 0

@@ -127,7 +127,7 @@ class Stability:
         """Start without a loss."""
         self._solver, self._problem, self._treatment = solver, solver.problem, treatment
         self.loss: StabilityLoss | None = None
-        self._flat: FlatCell | None = None
+        self._flattest: FlatCell | None = None
 
     @property
     def follows(self) -> bool:
@@ -176,7 +176,7 @@ class Stability:
                 mode=softest_mode(self._solver),
                 second=second,
             )
-            self._flat = self._flat_cell_at_rest(force)
+            self._flattest = flattest_cell(self._problem.model.sheet.mesh)
         if self.follows:
             return leave_saddle(self._solver, self.loss.mode)
         return result
@@ -194,25 +194,12 @@ class Stability:
             if self.follows
             else "solver.stability=follow goes on along the branch"
         )
-        if self._flat is not None:
+        if self._flattest is not None and self._flattest.is_too_flat:
             remedy = (
-                f"no load acts there, so that rounding errors must be the cause: {self._flat}; "
-                "remove the narrow place from the geometry ('wovenfab check' names it)"
+                f"rounding errors may be the cause: {self._flattest}; remove the narrow place from "
+                f"the geometry ('wovenfab check' names it); otherwise {remedy}"
             )
         return StabilityLostError(self.loss, remedy, cutbacks)
-
-    def _flat_cell_at_rest(self, force: NDArray[np.float64]) -> FlatCell | None:
-        """Return the flattest cell if a minimum without forces turns unstable for it; collective.
-
-        Args:
-            force: Internal force of the minimum at own unknowns, N.
-        """
-        model = self._problem.model
-        square = float(model.comm.allreduce(float(force @ force)))
-        if square > self._solver.newton.rounding**2:
-            return None
-        cell = flattest_cell(model.sheet.mesh)
-        return cell if cell.is_too_flat else None
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.array(list(self._problem.constraints.reactions(force).values()))
