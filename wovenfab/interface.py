@@ -298,6 +298,9 @@ def execute(
         outcome, columns, summary = run(
             simulation, directory, progress, watch, checkpoint, until, interruption, errors
         )
+        if names := simulation.solver.unread_options():
+            what = "a name is misspelt, or nothing here uses it"
+            listener.say(f"warning: PETSc has not read {', '.join(names)}: {what}")
         if errors is not None:
             from wovenfab.study.target_accuracy.choice import report_errors
 

@@ -96,7 +96,7 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
             "effects.coupling=null",
             "program.amplitudes.1=30 mm",
             "sheet.fibres=[0, 90 deg]",
-            "solver.petsc.snes_type=newtontr",
+            "solver.petsc.pc_type=lu",
             "output.every=2",
             "output.every=3",
         ],
@@ -107,7 +107,7 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
     assert isinstance(case.program[0], Cycles)
     assert case.program[0].amplitudes == (0.02, 0.03, 0.06)
     assert case.sheet.fibres[0] == 0
-    assert case.solver.petsc == {"snes_type": "newtontr"}
+    assert case.solver.petsc == {"pc_type": "lu"}
     assert case.output.every == 3
 
 

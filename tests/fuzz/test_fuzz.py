@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tests.fuzz import measured
+from tests.fuzz import geometries, measured
 from tests.fuzz.__main__ import GOOD, fuzz
 
 
@@ -14,3 +14,7 @@ def test_mutated_cases_are_accepted_or_refused_in_words() -> None:
 def test_mutated_measured_and_fit_files_are_accepted_or_refused_in_words() -> None:
     counts = measured.fuzz(range(200))
     assert counts.keys() == {"accepted", "refused"}
+
+
+def test_mutated_geometry_files_are_accepted_or_refused_in_words() -> None:
+    assert geometries.fuzz(range(12), seconds=60.0).keys() <= GOOD

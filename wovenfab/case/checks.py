@@ -36,6 +36,7 @@ from wovenfab.case.effects import (
 )
 from wovenfab.case.errors import KeyPath, near_miss, one_of
 from wovenfab.case.formula import Expression
+from wovenfab.case.petsc import refused
 from wovenfab.case.program import (
     Finding,
     Hold,
@@ -51,6 +52,7 @@ from wovenfab.case.schema import (
     Output,
     Rectangle,
     SheetFile,
+    Solver,
     Time,
     possible_fields,
 )
@@ -273,7 +275,7 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
             )
         graded: tuple[str, ...] = ("fibres", "unstructured")
     else:
-        made = sheet.file.suffix == ".msh"
+        made = sheet.file.suffix.lower() == ".msh"
         known = ("fibres", "unstructured") if not made else ()
         graded = ("fibres",) if not made else ()
         fixed = ("mesh", "mesh_size") if made else () if mesh in known else ("mesh",)
@@ -412,3 +414,9 @@ def _infinite(path: KeyPath, values: Array, x: Array, y: Array) -> Iterator[Find
 
 def _place(x: Array, y: Array, i: int) -> str:
     return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"
+
+
+@_rule
+def _petsc(solver: Solver) -> Iterator[Finding]:
+    for name, message, remedy in refused(solver.petsc):
+        yield ("solver", "petsc", name), message, remedy

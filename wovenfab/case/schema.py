@@ -251,7 +251,8 @@ class Solver(Section):
         Annotated[str, AfterValidator(_option_name)],
         Annotated[str | int | float | bool, BeforeValidator(_option)],
     ] = Field(default={}, examples=[{"snes_linesearch_type": "basic"}])
-    """Any PETSc options, which have the last word."""
+    """PETSc options that act on the solution; others, such as those that write files, are for the
+    command line."""
 
 
 FieldName = Literal["displacement", "relative_displacement", "curvature", "shear_angle", "stretch"]

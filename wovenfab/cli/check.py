@@ -17,7 +17,7 @@ from wovenfab.simulation.progress import memory
 from wovenfab.stepping.program import planned_steps
 
 if TYPE_CHECKING:
-    from wovenfab.sheet.sheet import Sheet
+    from wovenfab.sheet.sheet import Outline, Sheet
 
 
 #: Triangles above which unknowns are estimated: a mesh takes time to make.
@@ -33,6 +33,8 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         return 0
     for line in case.remarks():
         console.say(line)
+    if not isinstance(case.sheet, Rectangle) and case.sheet.file.suffix.lower() == ".geo":
+        console.say(f"runs the geometry program {case.sheet.file.name}")
     from mpi4py import MPI
 
     from wovenfab.simulation.from_case import estimated_unknowns, sheet_of
@@ -58,9 +60,20 @@ def edges_of(case: Case) -> list[str]:
 
     size = case.discretisation.mesh_size
     with geometry_problems(case):
-        curves = read_geometry(geometry_of(case.sheet), size, True, coarse=True).curves
+        geometry = read_geometry(geometry_of(case.sheet), size, True, coarse=True)
+    curves = geometry.curves
     require_edges(case, {c.name for c in curves if c.outside and c.name is not None})
-    return edge_lines(curves)
+    return [*edge_lines(curves), *_narrow(geometry.outline)]
+
+
+def _narrow(outline: Outline) -> list[str]:
+    """Return in words where a sheet is narrowest, and whether that is too narrow."""
+    from wovenfab.sheet.narrow import narrowest
+
+    if (place := narrowest(outline)) is None:
+        return []
+    warning = ": the computation may fail there; make it wider or remove it"
+    return [f"{place}{warning if place.is_too_narrow else ''}"]
 
 
 def count_unknowns(case: Case, sheet: Sheet) -> int:

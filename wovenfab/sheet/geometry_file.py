@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from dolfinx.mesh import Mesh, MeshTags
@@ -14,15 +12,9 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.parallel import by_first, from_root
-from wovenfab.sheet.gmsh_io import (
-    cells_of,
-    code_of,
-    line_of,
-    nodes_of,
-    options_of,
-    require_harmless,
-    with_gmsh,
-)
+from wovenfab.sheet.file_mesh import FileMesh
+from wovenfab.sheet.gmsh_process import LIMIT, Request, meshed
+from wovenfab.sheet.msh import read_msh
 from wovenfab.sheet.sheet import (
     GeometryError,
     Outline,
@@ -35,20 +27,10 @@ from wovenfab.sheet.sheet import (
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 
-#: What gmsh says of a physical group with a member that the geometry lacks.
-UNKNOWN = re.compile(r"Skipping unknown (curve|surface) (\d+) in physical \w+ (\d+)")
-#: Statements after which curves have other numbers.
-BOOLEANS = re.compile(r"\b(?:Boolean\w+|Coherence)\b")
-#: Statements that make quadrilaterals.
-RECOMBINING = re.compile(r"\b(?:Recombine|Mesh\.RecombineAll|Mesh\.SubdivisionAlgorithm)\b")
 #: Ends of the names of files that have no names for curves, and state their unit.
 STEP = (".step", ".stp")
-#: Cells of a mesh at most, by the area of what encloses the sheet.
-MOST_CELLS = 1e7
-#: Segments that a full circle of the outline is divided in, at least.
-SEGMENTS = 48
-#: Curves that a message lists at most.
-LISTED = 12
+#: Distance from the origin, in sizes of the sheet, at most: positions are unknowns of the solver.
+FAR = 1e4
 #: A sheet is flat if its z differs by less than this share of its size.
 FLAT = 1e-6
 
@@ -165,8 +147,9 @@ def read_geometry(
     mesh_size: float | None = None,
     follow_curves: bool = False,
     coarse: bool = False,
+    seconds: float = LIMIT,
 ) -> Geometry:
-    """Return what is in a file, meshed by gmsh.
+    """Return what is in a file; a geometry is meshed by gmsh, in a process of its own.
 
     Args:
         file: The file.
@@ -174,31 +157,26 @@ def read_geometry(
         follow_curves: Whether curves are divided finely enough for their shape, whatever the
             size of the cells; with a ``mesh_size`` only the outline counts then.
         coarse: Whether ``mesh_size`` is compared with the size of the sheet alone.
+        seconds: Time that gmsh has.
 
     Raises:
-        GeometryError: gmsh cannot read the file; it does more than describe a sheet; it is no
-            flat sheet in one piece, of triangles, with named edges.
+        GeometryError: The file cannot be read or meshed; it is no flat sheet in one piece, of
+            triangles, with named edges.
     """
-    require_harmless(file.path)
-
-    def build(gmsh: Any) -> Geometry:
-        try:
-            lacking = _open(gmsh, file)
-            if follow_curves and not file.is_mesh:
-                _follow_curves(gmsh)
-                if mesh_size is not None:  # cells inside need not be as small as those at edges
-                    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
-            if mesh_size is not None:
-                _require_few(gmsh, file, mesh_size)
-                if not coarse:
-                    gmsh.option.setNumber("Mesh.MeshSizeMax", mesh_size / file.unit)
-            if not gmsh.model.mesh.getNodes()[0].size:
-                gmsh.model.mesh.generate(2)
-            return _geometry(gmsh, file, lacking)
-        except GeometryError as error:
-            raise GeometryError(f"{file.path}: {error}", error.key) from error
-
-    return with_gmsh(build, str(file.path))
+    try:
+        if file.is_mesh:
+            return _geometry(read_msh(file.path), file)
+        request = Request(
+            str(file.path.absolute()),
+            file.unit,
+            dict(file.parameters),
+            None if mesh_size is None else mesh_size / file.unit,
+            follow_curves,
+            coarse,
+        )
+        return _geometry(meshed(request, seconds), file)
+    except GeometryError as error:
+        raise GeometryError(f"{file.path}: {error}", error.key) from error
 
 
 def edge_lines(curves: Iterable[Curve]) -> list[str]:
@@ -226,89 +204,38 @@ def _described(curves: list[Curve]) -> str:
 
 
 def _listed(curves: Iterable[Curve]) -> str:
-    """Return the first of some curves in words."""
-    every = [str(curve) for curve in curves]
-    more = f" and {len(every) - LISTED} more" if len(every) > LISTED else ""
-    return ", ".join(every[:LISTED]) + more
+    """Return curves in words."""
+    return ", ".join(map(str, curves))
 
 
-def _open(gmsh: Any, file: GeometryFile) -> list[tuple[str, ...]]:
-    """Read a file with its parameters; return kind, number and group of what it names but lacks."""
-    gmsh.option.setString("Geometry.OCCTargetUnit", "MM")  # of .step files, else that of the last
-    gmsh.parser.clear()
-    for name, value in file.parameters.items():
-        gmsh.parser.setNumber(name, [value])
-    gmsh.logger.stop()
-    gmsh.logger.start()
-    gmsh.merge(str(file.path))  # unlike open, it leaves parameters as they are
-    if (options := options_of(file.path)).is_file():
-        gmsh.merge(str(options))
-    code, known = code_of(file.path), sorted({*gmsh.parser.getNames()} - {*file.parameters})
-    for name, value in file.parameters.items():
-        key = f"parameters.{name}"
-        if not re.search(rf"\b{re.escape(name)}\b", code):
-            has = f"it has {', '.join(known)}" if known else "it has none"
-            raise GeometryError(f"there is no parameter {name!r}; {has}", key)
-        if gmsh.parser.getNumber(name)[0] != value:
-            raise GeometryError(
-                f"the file computes {name!r}; a case sets what stands in DefineConstant[ … ]",
-                key,
-            )
-    return [groups for line in gmsh.logger.get() for groups in UNKNOWN.findall(line)]
-
-
-def _follow_curves(gmsh: Any) -> None:
-    """Divide curves finely enough for their shape, whatever the size of the cells."""
-    for _, curve in gmsh.model.getEntities(1):
-        if gmsh.model.getType(1, curve) != "Line":
-            (first,), (last,) = gmsh.model.getParametrizationBounds(1, curve)
-            places = np.linspace(first, last, SEGMENTS + 1)
-            slopes = gmsh.model.getDerivative(1, curve, places).reshape(-1, 3)
-            angles = np.unwrap(np.arctan2(slopes[:, 1], slopes[:, 0]))
-            turned = np.abs(np.diff(angles)).sum()
-            parts = max(1, int(np.ceil(turned / (2 * np.pi) * SEGMENTS)))
-            gmsh.model.mesh.setTransfiniteCurve(curve, parts + 1)
-
-
-def _require_few(gmsh: Any, file: GeometryFile, mesh_size: float) -> None:
-    """Refuse a geometry that would get too many cells, as one in millimetres does."""
-    x, y, _, right, top, _ = gmsh.model.getBoundingBox(-1, -1)
-    wide, high = (right - x) * file.unit, (top - y) * file.unit
-    if 2 * wide * high > MOST_CELLS * mesh_size**2:
-        raise GeometryError(
-            f"{wide:g} m x {high:g} m in cells of {mesh_size:g} m are too many; "
-            "if it is in millimetres, write 'unit: mm' beside 'file'"
-        )
-
-
-def _geometry(gmsh: Any, file: GeometryFile, lacking: list[tuple[str, ...]]) -> Geometry:
-    """Return the sheet of a model that is meshed."""
-    groups = gmsh.model.getPhysicalGroups(2)
+def _geometry(mesh: FileMesh, file: GeometryFile) -> Geometry:
+    """Return the sheet of a mesh."""
+    groups = mesh.surface_groups
     step = file.path.suffix.lower() in STEP
-    if not (groups or file.edges or step or any(kind == "surface" for kind, *_ in lacking)):
-        there = ", ".join(str(tag) for _, tag in gmsh.model.getEntities(2)) or "1"
+    if not (groups or file.edges or step):
+        there = ", ".join(map(str, mesh.surfaces)) or "1"
         raise GeometryError(
             f'no physical surface; add one, such as Physical Surface("sheet") = {{{there}}};'
         )
-    _require_triangles(gmsh, file)
-    places, rows = nodes_of(gmsh)
-    places *= file.unit
-    surfaces = [int(s) for g in groups for s in gmsh.model.getEntitiesForPhysicalGroup(*g)]
-    cells = np.concatenate([cells_of(gmsh, 2, surface, rows) for surface in surfaces or [-1]])
+    _require_triangles(mesh, file)
+    places = mesh.points * file.unit
+    chosen = {number for group in groups for number in group.members} or {*mesh.surfaces}
+    none = np.zeros((0, 3), dtype=np.int64)
+    cells = np.concatenate([none, *(c for n, c in mesh.surfaces.items() if n in chosen)])
     used, numbers = np.unique(cells, return_inverse=True)
     if not used.size:
-        raise GeometryError("there is no surface to mesh")
+        raise GeometryError("there is no surface with triangles")
     low, high = places[used].min(axis=0), places[used].max(axis=0)
     if high[2] - low[2] > FLAT * (high - low).max():
         across = f"z is {low[2]:g} m to {high[2]:g} m"
         raise GeometryError(f"the sheet is not in the x-y plane: {across}; turn it")
+    _require_near(low[:2], high[:2])
     points, triangles = places[used, :2], numbers.reshape(-1, 3)
     fresh = np.full(len(places), -1)
     fresh[used] = np.arange(len(used))
     sides = {frozenset(map(int, side)) for side in free_sides(points, triangles)}
-    curves, names, segments = [], _names(gmsh, file), dict[str, list[Triangles]]()
-    for _, number in gmsh.model.getEntities(1):
-        pairs = cells_of(gmsh, 1, number, rows)
+    curves, names, segments = [], _names(mesh, file), dict[str, list[Triangles]]()
+    for number, pairs in mesh.curves.items():
         ends, name = places[pairs, :2], names.get(number)
         if len(pairs):
             length = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
@@ -317,48 +244,52 @@ def _geometry(gmsh: Any, file: GeometryFile, lacking: list[tuple[str, ...]]) -> 
             curves.append(Curve(number, name, length, *box, outside))
             if outside and name is not None:
                 segments.setdefault(name, []).append(fresh[pairs])
-    _require_edges(gmsh, file, lacking, curves)
+    _require_edges(mesh, file, curves)
     named = {name: np.concatenate(parts) for name, parts in segments.items()}
     return Geometry(points, triangles, outline_of(points, triangles, named), tuple(curves))
 
 
-def _require_triangles(gmsh: Any, file: GeometryFile) -> None:
-    mesh = gmsh.model.mesh
-    if any(mesh.getElementProperties(kind)[5] != 3 for kind in mesh.getElementTypes(2)):
-        remedy = f"remove Recombine {line_of(file.path, RECOMBINING)}".rstrip()
+def _require_near(low: Array, high: Array) -> None:
+    """Refuse a sheet so far from the origin that its coordinates are not exact enough."""
+    size, away = float((high - low).max()), float(np.abs([low, high]).max())
+    if not 0 < size < np.inf or away > FAR * size:
+        where = f"it is {size:.3g} m large, and up to {away:.3g} m from the origin"
+        raise GeometryError(f"{where}, where coordinates are too rough; move it to the origin")
+
+
+def _require_triangles(mesh: FileMesh, file: GeometryFile) -> None:
+    if mesh.other_cells:
+        remedy = f"remove Recombine {mesh.recombining}".rstrip()
         if file.is_mesh:
             remedy = "name its .geo in the case, or mesh that without Recombine (gmsh -2 FILE.geo)"
         raise GeometryError(f"has quadrilaterals, and a sheet is made of triangles: {remedy}")
 
 
-def _names(gmsh: Any, file: GeometryFile) -> dict[int, str]:
+def _names(mesh: FileMesh, file: GeometryFile) -> dict[int, str]:
     """Return the edge of each curve that has one."""
-    groups = {
-        gmsh.model.getPhysicalName(1, group): gmsh.model.getEntitiesForPhysicalGroup(1, group)
-        for _, group in gmsh.model.getPhysicalGroups(1)
-    }
+    groups = [(group.name, group.members) for group in mesh.curve_groups]
     names: dict[int, str] = {}
-    for name, numbers in {**groups, **file.edges}.items():
+    for name, numbers in (*groups, *file.edges.items()):
         for number in numbers if name else ():
-            if names.setdefault(int(number), name) != name:
-                both = f"{names[int(number)]!r} and {name!r}"
+            if names.setdefault(number, name) != name:
+                both = f"{names[number]!r} and {name!r}"
                 raise GeometryError(f"curve {number} is in two edges, {both}; take it out of one")
     return names
 
 
-def _require_edges(
-    gmsh: Any, file: GeometryFile, lacking: list[tuple[str, ...]], curves: list[Curve]
-) -> None:
+def _require_edges(mesh: FileMesh, file: GeometryFile, curves: list[Curve]) -> None:
     """Refuse names of what is not there or not on the outline, and a sheet without names."""
     has = f"the outline has {_listed(c for c in curves if c.outside)}"
-    for kind, tag, group in lacking:
-        name = gmsh.model.getPhysicalName(1 if kind == "curve" else 2, int(group))
-        place = line_of(file.path, re.compile(rf"Physical\s+\w+\s*\(\s*\"{re.escape(name)}\""))
-        text = f"Physical {kind.title()}({name!r}) {place} names {kind} {tag}, which is not there"
-        if boolean := line_of(file.path, BOOLEANS):
-            text += f": the Boolean operation {boolean} numbers what it makes anew"
-        surfaces = ", ".join(str(surface) for _, surface in gmsh.model.getEntities(2))
-        raise GeometryError(f"{text}; {has if kind == 'curve' else f'surfaces are {surfaces}'}")
+    for kind, groups in (("curve", mesh.curve_groups), ("surface", mesh.surface_groups)):
+        for group in groups:
+            if group.missing:
+                what = f"Physical {kind.title()}({group.name!r}) {group.place}".rstrip()
+                text = f"{what} names {kind} {group.missing[0]}, which is not there"
+                if mesh.boolean:
+                    text += f": the Boolean operation {mesh.boolean} numbers what it makes anew"
+                surfaces = ", ".join(map(str, mesh.surfaces))
+                there = has if kind == "curve" else f"surfaces are {surfaces}"
+                raise GeometryError(f"{text}; {there}")
     known = {curve.number: curve for curve in curves}
     for name, numbers in file.edges.items():
         for number in numbers:

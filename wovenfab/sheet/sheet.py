@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import cell_partitioner, corners_of
 from wovenfab.parallel import from_root
+from wovenfab.sheet.errors import GeometryError as GeometryError
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -40,15 +41,6 @@ CORNER = np.radians(20)
 STRAIGHT = 1e-7
 #: A facet lies on an edge that its middle is this close to, as a share of the extent.
 ON_EDGE = 1e-8
-
-
-class GeometryError(Exception):
-    """A geometry that cannot be meshed; the text says why and what to do."""
-
-    def __init__(self, message: str, key: str = "file") -> None:
-        """Keep which key of ``sheet`` in a case is meant."""
-        super().__init__(message)
-        self.key = key
 
 
 @dataclass(frozen=True)

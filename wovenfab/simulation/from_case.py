@@ -148,7 +148,7 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         assert size is not None  # a case that has been read has one
         points = 2 * case.sheet.length * case.sheet.width / size**2
     elif case.sheet.file.suffix.lower() == ".msh":
-        from wovenfab.sheet.gmsh_io import stated_points
+        from wovenfab.sheet.msh import stated_points
 
         path = case.sheet.file
         points = by_first(comm, lambda: stated_points(path))

@@ -15,6 +15,7 @@ from wovenfab.compat import corners_of
 from wovenfab.model.assembly import compile_expression
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
+from wovenfab.sheet.narrow import flattest_cell
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.linear import COUNT_NULL, NEGATIVE, NULL, create_direct
 from wovenfab.solver.problem import SolveResult
@@ -136,6 +137,9 @@ def diagnose(solver: EquilibriumSolver, result: SolveResult, before: Array) -> D
         return Diagnosis(cause, remedy, _place(solver, _spread(loose, motion)))
     least = float(comm.allreduce(float(margins.min(initial=np.inf)), op=MPI.MIN))
     cause, remedy = _named(solver, result, negatives, least)
+    if (cell := flattest_cell(model.sheet.mesh)).is_too_flat:
+        cause += f", or rounding errors: {cell}"
+        remedy += ", or remove the narrow place from the geometry ('wovenfab check' names it)"
     return Diagnosis(cause, remedy, _place(solver, -margins if least < LOCKED else motion))
 
 

@@ -176,6 +176,10 @@ class EquilibriumSolver:
         self.newton.assemble_tangent()
         return self._matrix
 
+    def unread_options(self) -> list[str]:
+        """Return the user's options that PETSc has not read so far."""
+        return self._petsc_options.unread()
+
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
         self._petsc_options.clear()

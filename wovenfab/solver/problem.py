@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 
 #: Beginnings of the names of command-line options that are for the solver.
 FOR_SOLVERS = ("snes_", "newton_", "ksp_", "pc_", "mat_", "mg_", "sub_", "fieldsplit_")
+#: Options that PETSc reads when it ends.
+READ_LAST = ("options_left", "malloc_dump", "malloc_view", "malloc_info", "objects_dump")
+#: Options with the one value that Newton's method here works with.
+ONLY = {"snes_type": "newtonls", "snes_linesearch_type": "basic"}
 
 
 @dataclass(frozen=True)
@@ -91,6 +96,9 @@ class PetscOptions:
 
         Args:
             case: PETSc options by name, without a prefix.
+
+        Raises:
+            OptionError: One chooses a method that does not work.
         """
         self.prefix = f"wovenfab_{next(self._numbers)}_"
         database = PETSc.Options()
@@ -99,6 +107,12 @@ class PetscOptions:
         own = {"snes_linesearch_type": "basic", "mat_mumps_icntl_13": 1}
         chosen = {**(case or {}), **{name: database[name] for name in names}}
         settings, self.given = {**own, **chosen}, tuple(chosen)
+        for name, known in ONLY.items():
+            if (value := settings.get(name, known)) != known:
+                raise OptionError(
+                    f"{name} {value} does not work here, but {known} does: the solver limits "
+                    "steps and searches along them itself"
+                )
         self._names = [self.prefix + name for name in settings]
         for name, value in zip(self._names, settings.values(), strict=True):
             database[name] = value
@@ -120,10 +134,24 @@ class PetscOptions:
             word = str(cause).splitlines()[-1].partition("] ")[2] or str(cause)
             raise OptionError(f"PETSc does not take {', '.join(self.given)}: {word}") from error
 
+    def unread(self) -> list[str]:
+        """Return options of the case, the command line and the environment that none has read."""
+        elsewhere = (*FOR_SOLVERS, self.prefix.partition("_")[0])
+        others = [name for name in PETSc.Options().getAll() if not name.startswith(elsewhere)]
+        mine = [name for name in self.given if not _is_read(self.prefix + name)]
+        return [*mine, *(n for n in others if n not in READ_LAST and not _is_read(n))]
+
     def clear(self) -> None:
         """Remove them from PETSc's database."""
         for name in self._names:
             PETSc.Options().delValue(name)
+
+
+def _is_read(name: str) -> bool:
+    """Return whether PETSc has read an option of its database; petsc4py cannot be asked for it."""
+    found = ctypes.c_int(0)
+    ctypes.CDLL(PETSc.__file__).PetscOptionsUsed(None, name.encode(), ctypes.byref(found))
+    return bool(found.value)
 
 
 #: PETSc's event for the assembly of a tangent, as in its table for ``-log_view``.

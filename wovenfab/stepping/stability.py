@@ -10,6 +10,7 @@ from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
+from wovenfab.sheet.narrow import FlatCell, flattest_cell
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.globalisation import CROSSING_SHARE
 from wovenfab.solver.problem import SolveResult
@@ -128,6 +129,7 @@ class Stability:
         """Start without a loss."""
         self._solver, self._problem, self._treatment = solver, solver.problem, treatment
         self.loss: StabilityLoss | None = None
+        self._flattest: FlatCell | None = None
 
     @property
     def follows(self) -> bool:
@@ -178,6 +180,7 @@ class Stability:
                 mode=softest_mode(self._solver),
                 second=second,
             )
+            self._flattest = flattest_cell(self._problem.model.sheet.mesh)
         if self.follows:
             return leave_saddle(self._solver, self.loss.mode)
         return result
@@ -195,6 +198,11 @@ class Stability:
             if self.follows
             else "solver.stability=follow goes on along the branch"
         )
+        if self._flattest is not None and self._flattest.is_too_flat:
+            remedy = (
+                f"rounding errors may be the cause: {self._flattest}; remove the narrow place from "
+                f"the geometry ('wovenfab check' names it); otherwise {remedy}"
+            )
         return StabilityLostError(self.loss, remedy, cutbacks)
 
     def _resultants(self, force: NDArray[np.float64]) -> NDArray[np.float64]:
