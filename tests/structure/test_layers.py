@@ -13,6 +13,7 @@ LAYERS = (
     "forms",
     "wovenfab.parallel",
     "wovenfab.compat",
+    "wovenfab.plain_text",
     "wovenfab.case",
     "wovenfab.sheet",
     "wovenfab.model",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -20,10 +21,11 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, Rectangle
+from wovenfab.case.errors import in_brief
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
-from wovenfab.parallel import from_root, on_root
-from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
+from wovenfab.parallel import agree, by_first, from_root, on_root
+from wovenfab.record.field_file import PROGRAM, Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.stepping.program import Program, program_of_case
@@ -32,14 +34,12 @@ from wovenfab.stepping.step import Step
 if TYPE_CHECKING:
     from wovenfab.simulation.simulation import Simulation
 
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 #: Key of the case.
 STATE = "from_state"
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
-#: Array of the program so far: times (s), values (m or N), whether they are forces, and values of
-#: the second program (m); shape (4, n).
-PROGRAM = "program"
 #: Difference of displacements, over the largest one, below which programs are the same.
 SAME = 1e-9
 #: Sections of a case that a run may change when it goes on.
@@ -107,10 +107,20 @@ class SnapshotFormat:
         return rows
 
     def _rows(self, name: str, arrays: Mapping[str, Array]) -> Array:
-        """Return the rows of this rank's cells, ghosts included; collective."""
-        everything = arrays[name] if self._comm.rank == 0 else None
-        shape = self._comm.bcast(None if everything is None else everything.shape)
-        received = np.empty(shape) if everything is None else np.ascontiguousarray(everything)
+        """Return the rows of this rank's cells, ghosts included; collective.
+
+        Raises:
+            ValueError: There are no such rows, or of another number of cells; on every rank.
+        """
+
+        def shape_of() -> tuple[int, ...]:
+            if name not in arrays or len(arrays[name]) != self._blocks.total:
+                raise ValueError(f"{name} has not one row a cell")
+            return arrays[name].shape
+
+        shape = by_first(self._comm, shape_of)
+        is_first = self._comm.rank == 0
+        received = np.array(arrays[name], dtype=np.float64) if is_first else np.empty(shape)
         self._comm.Bcast([received, MPI.DOUBLE])
         return np.asarray(received[self._cells])
 
@@ -189,6 +199,25 @@ def load_checkpoint(directory: Path, comm: MPI.Comm) -> Checkpoint:
     newest = from_root(comm, lambda: newest_checkpoint(directory), None)
     plain = comm.bcast(newest and replace(newest, arrays={PROGRAM: newest.arrays[PROGRAM]}))
     return newest or plain
+
+
+def go_on(simulation: Simulation, checkpoint: Checkpoint, directory: Path) -> None:
+    """Let a simulation go on from a checkpoint; collective.
+
+    Raises:
+        NothingToResumeError: The checkpoint is not of such a simulation; on every rank.
+    """
+    problem: Exception | None = None
+    try:
+        simulation.resume(checkpoint)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        logger.debug("the checkpoint does not fit", exc_info=True)
+        problem = NothingToResumeError(
+            f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
+            "another run; run the case from its beginning, into another directory or with "
+            "--overwrite"
+        )
+    agree(simulation.comm, problem)
 
 
 def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
