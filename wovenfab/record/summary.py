@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -145,13 +146,27 @@ def read_cycles(directory: str | Path) -> list[dict[str, str]]:
     path = Path(directory) / CYCLES
     if not path.exists():
         return []
-    header, *rows = csv.reader(text_of(path).splitlines()) or [[]]
-    if not {"cycle", "complete"} <= {*header} or len({*header}) < len(header):
+    try:
+        header, *rows = list(csv.reader(text_of(path).splitlines())) or [[]]
+    except csv.Error as error:
+        raise damaged(path, f"this is no table of cycles ({error})") from None
+    if not rows or not {"cycle", "complete"} <= {*header} or len({*header}) < len(header):
         raise damaged(path, "this is no table of cycles")
     for number, row in enumerate(rows, 2):
         if len(row) != len(header):
             raise damaged(path, f"row {number} has {len(row)} values for {len(header)} columns")
+        for name, cell in zip(header, row, strict=True):
+            if name != "complete" and cell and not _is_finite(cell):
+                raise damaged(path, f"{name} in row {number} is no number")
     return [dict(zip(header, row, strict=True)) for row in rows]
+
+
+def _is_finite(text: str) -> bool:
+    """Return whether a text is a finite number."""
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def summarise(
