@@ -160,6 +160,17 @@ def test_results_are_read_from_data_alone(own: Path, gone: tuple[str, ...], tmp_
     (own / "executed").unlink()
 
 
+def test_a_run_goes_on_where_its_files_were_moved_with_it(own: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(own, tmp_path / "moved")
+    path = folder / "run" / "case.yaml"
+    path.write_text(path.read_text().replace(str(own), str(folder)))
+    ended = command("resume", "run", cwd=folder)
+    assert ended.returncode == 0, ended.stderr
+    (folder / "my_effect.py").write_text((folder / "my_effect.py").read_text() + "\n# other\n")
+    ended = command("resume", "run", cwd=folder)
+    assert ended.returncode == 2 and "effects.my_effect" in ended.stderr
+
+
 def test_resume_says_what_it_runs_before_it_does(own: Path) -> None:
     (own / "my_effect.py").write_text("import sys\nsys.exit('it was run')\n")
     ended = command("resume", "run", cwd=own)

@@ -19,7 +19,6 @@ from matplotlib.colors import Colormap, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
-from wovenfab.case import CaseError
 from wovenfab.plain_text import one_line, printable
 from wovenfab.record.field_file import ERROR, FIELDS, MODE
 from wovenfab.record.fields import StoredFields
@@ -154,7 +153,7 @@ def draw(
         except Exception as error:  # one picture must not cost the others
             reason = one_line(str(error)) or type(error).__name__
             problems.setdefault(reason, []).append(f"no {name}")
-            damaged = damaged or isinstance(error, UnreadableResultsError | CaseError)
+            damaged = damaged or isinstance(error, UnreadableResultsError)
     if problems:
         said = (f"{', '.join(lost)}: {reason}" for reason, lost in problems.items())
         raise ReportError("; ".join(said), drawn, damaged)

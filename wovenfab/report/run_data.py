@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
-from wovenfab.case import refusal, units
-from wovenfab.case.document import read_document
+from wovenfab.case import units
 from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.reading import damaged
+from wovenfab.record.reading import damaged, read_yaml
 from wovenfab.record.results import Provenance, of_summary, this_process
 from wovenfab.record.summary import SUMMARY, Cycle, cycles, read_summary
 from wovenfab.report.style import millimetres
@@ -72,7 +71,6 @@ def open_run_data(directory: str | Path) -> RunData:
 
     Raises:
         FileNotFoundError: The directory has no history.
-        CaseError: The case is no YAML.
         ValueError: The history has no row, or a file is damaged.
     """
     folder = Path(directory)
@@ -161,15 +159,12 @@ def case_of(directory: str | Path) -> dict[str, Any]:
     """Return ``case.yaml`` as it is written; empty if there is none. Nothing is executed.
 
     Raises:
-        CaseError: It is no YAML, or has no keys.
+        UnreadableResultsError: It is no YAML, or has no keys.
     """
-    path = Path(directory) / CASE
-    if not path.exists():
+    try:
+        return read_yaml(Path(directory) / CASE)
+    except FileNotFoundError:
         return {}
-    data = read_document(path).data
-    if not isinstance(data, dict):
-        raise refusal(str(path), "expected keys with values")
-    return data
 
 
 def origin_of(directory: str | Path) -> Provenance:

@@ -21,6 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, Rectangle
+from wovenfab.case.document import FILE
 from wovenfab.case.errors import in_brief
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
@@ -228,7 +229,7 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     """
     if case.accuracy is not None:
         case = _with_choices(case, checkpoint, directory)
-    before, now = checkpoint.values["case"], fixed_part(case)
+    before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
     differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if not differing and not _has_made(case, checkpoint):
         differing = [f"program before t = {checkpoint.time:.6g} s"]
@@ -303,6 +304,15 @@ def fixed_part(case: Case) -> dict[str, Any]:
     dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
     sheet = {k: v for k, v in dump["sheet"].items() if k != "file" and v is not None}
     return {**dump, "sheet": sheet, **contents_of(case)}
+
+
+def _without_places(part: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a fixed part without the places of files of effects, whose contents it has."""
+    effects = {
+        name: {k: v for k, v in values.items() if k != FILE}
+        for name, values in part["effects"].items()
+    }
+    return {**part, "effects": effects}
 
 
 def chosen_part(case: Case) -> dict[str, Any]:
