@@ -56,8 +56,9 @@ random: ## 1 % on fabrics drawn at random: docs/random-fabrics.md (some hours; g
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)
 
-fuzz: ## check mutated cases; count=2000 of them (20 minutes)
+fuzz: ## check mutated cases; count=2000 of them (20 minutes), and damaged results, damaged=300
 	$(enter) python3 -m tests.fuzz $(count)
+	$(enter) python3 -m tests.fuzz.results $(damaged)
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page

@@ -26,8 +26,16 @@ import h5py
 import numpy as np
 
 from tests.fuzz.__main__ import EFFECT, VALUES, mutated
+from wovenfab.record.field_file import newest_checkpoint
+from wovenfab.record.history import REACTIONS, read_history
+from wovenfab.record.reading import UnreadableResultsError
+from wovenfab.record.results import NothingToResumeError
+from wovenfab.record.summary import read_cycles
+from wovenfab.report.run_data import open_run_data, stored_of
 
 COUNT, SECONDS = 300, 300.0
+#: How many directories are read only, for each that is given to commands.
+READ = 20
 #: How a command may end: done, refused, a step that cannot be made.
 ENDS = (0, 2, 3)
 GOOD = {"good", "read", "refused", "went on"}
@@ -65,7 +73,13 @@ COMMANDS = {
 FOREIGN = (
     *(b"", b"\n", b"{}", b"[]", b"null", b"a,b\n1,2\n", b"step,time_s\n0,0\n0,0\n", b"\x00" * 99),
     *(b"\x89HDF\r\n\x1a\n", b"<html>", b"[" * 5000, b'{"outcome": "finished"}', b"\xff\xfe1\x00"),
-    *(b"title: a\ntitle: b\n", b"&a [*a, *a]", b"sheet: [1]\n", b"- 1\n", b"title: '\x1b]0;x\x07'\n"),
+    *(
+        b"title: a\ntitle: b\n",
+        b"&a [*a, *a]",
+        b"sheet: [1]\n",
+        b"- 1\n",
+        b"title: '\x1b]0;x\x07'\n",
+    ),
     *(b'title: "\\e]0;x\\a $\\\\frac{$ [/b]"\n', b"sheet: {fibres: [45 deg]}\n"),
     *(b"sheet: {fibres: [9**9**9**9, 1]}\n", b"sheet: {fibres: [.nan, 45 kg]}\n"),
 )
@@ -249,7 +263,7 @@ def _judged(command: tuple[str, ...], folder: Path) -> Outcome:
         return Outcome("no end", words)
     if "Traceback" in text or "fault of the program" in text:
         return Outcome("traceback", words)
-    if any(ord(c) < 32 and c != "\n" or "\x7f" <= c < "\xa0" for c in text):
+    if any((ord(c) < 32 and c != "\n") or "\x7f" <= c < "\xa0" for c in text):
         return Outcome("control characters", repr(text))
     if code not in ENDS or (code and not words):
         return Outcome(f"exit code {code}", words)
@@ -260,7 +274,7 @@ def _judged(command: tuple[str, ...], folder: Path) -> Outcome:
     if command[0] != "resume" or code == 2:
         if changed := [name for name in before if after.get(name) != before[name]]:
             return Outcome("files changed", f"{', '.join(changed)} by: {words}")
-    elif not _rows(directory)[: len(rows)] == rows[: len(_rows(directory))]:
+    elif any(new != old for new, old in zip(_rows(directory), rows, strict=False)):
         return Outcome("other rows", words)
     done = "went on" if command[0] == "resume" else "read"
     return Outcome("refused" if code == 2 else done, words)
@@ -276,11 +290,51 @@ def _rows(directory: Path) -> list[str]:
         return []
 
 
+def misread(seed: int, bases: list[Path]) -> tuple[str, str]:
+    """Return what was damaged, and what readers raise although it names no file; empty if none."""
+    generator = random.Random(seed)
+    with tempfile.TemporaryDirectory() as name:
+        directory = Path(name) / "run"
+        shutil.copytree(generator.choice(bases), directory)
+        done = damage(directory, generator)
+        before = contents(directory)
+        for read in (open_run_data, read_cycles, _read_fields, _read_rows, newest_checkpoint):
+            try:
+                read(directory)
+            except (OSError, UnreadableResultsError, NothingToResumeError) as error:
+                if str(directory) not in str(error):
+                    return done, f"{read.__name__}: no file in {error!r}"
+            except ValueError as error:
+                if "without a single step" not in str(error):
+                    return done, f"{read.__name__}: {error!r}"
+            except Exception as error:
+                return done, f"{read.__name__}: {error!r}"
+        return done, "" if contents(directory) == before else "files changed"
+
+
+def _read_fields(directory: Path) -> None:
+    stored = stored_of(directory)
+    if stored is not None:
+        stored.triangles(), stored.corners()
+        for index in range(len(stored.times)):
+            for name in stored.units:
+                stored.field(name, index)
+
+
+def _read_rows(directory: Path) -> None:
+    read_history(directory, REACTIONS)
+
+
 def fuzz(seeds: range, jobs: int = 2, show: Callable[[str], None] = print) -> Counter[str]:
     """Damage a directory for each seed, show what went wrong, and return counts by outcome."""
     counts: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as name, ThreadPoolExecutor(jobs) as pool:
         bases = make(Path(name) / "bases")
+        for seed in range(seeds.start, seeds.start + READ * len(seeds)):
+            done, problem = misread(seed, bases)
+            counts["misread" if problem else "good"] += 1
+            if problem:
+                show(f"== seed {seed} (read): {done}: {problem}")
         for seed, (done, outcome) in zip(
             seeds, pool.map(lambda seed: checked(seed, bases), seeds), strict=True
         ):

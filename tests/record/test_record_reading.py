@@ -124,6 +124,8 @@ def cut(path: Path) -> None:
         ("fields/000001.h5", changed("f", None)),
         ("fields/000001.h5", changed("f", h5py.SoftLink("/f"))),
         ("fields/000001.h5", cut),
+        ("fields/000001.h5", Path.unlink),
+        ("fields/mesh.h5", Path.unlink),
     ],
 )
 def test_fields_that_are_damaged_are_refused_with_their_file(

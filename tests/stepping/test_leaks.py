@@ -12,8 +12,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case, read_case
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
 

@@ -11,7 +11,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from errno import ENOENT
 from os import SEEK_END
 from pathlib import Path
 from typing import Any
@@ -305,11 +304,10 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """Open an HDF5 file for reading.
 
     Raises:
-        FileNotFoundError: It is not there.
-        UnreadableResultsError: It is damaged, or lacks what is asked of it inside.
+        UnreadableResultsError: It is missing or damaged, or lacks what is asked of it inside.
     """
     if not path.exists():
-        raise FileNotFoundError(ENOENT, "a file of the fields is missing", str(path))
+        raise damaged(path, "the file is missing")
     try:
         with h5py.File(path, "r", **UNLOCKED) as file:
             yield file
@@ -428,9 +426,11 @@ def newest_checkpoint(directory: Path) -> Checkpoint:
     """
     there = False
     for name in (f"{CHECKPOINT}.new", CHECKPOINT, EARLIER_CHECKPOINT):
+        if not (directory / name).exists():
+            continue
+        there = True
         try:
             with opened(directory / name) as file:
-                there = True
                 version = int(file.attrs["version"])
                 if version != VERSION:
                     raise NothingToResumeError(
@@ -443,10 +443,7 @@ def newest_checkpoint(directory: Path) -> Checkpoint:
                 # those of a version before have no digest
                 if file.attrs.get("digest") not in (None, _digest(text, arrays)):
                     raise damaged(directory / name, "its contents are not those written")
-        except FileNotFoundError:
-            continue
         except UnreadableResultsError:  # the one before may be whole
-            there = True
             continue
         if (checkpoint := _checkpoint(text, arrays)) is not None:
             return checkpoint
