@@ -75,10 +75,11 @@ stale: ## tell which pages of results are of older code: whoever changed it make
 survive: ## kill runs again and again and let them go on; cycles in parts (12 minutes)
 	$(enter) python3 -u -m benchmarks.survive $(kills)
 
-fuzz: ## check mutated cases, geometries, measured and fit files; count=2000 of each (40 minutes)
+fuzz: ## check mutated cases, geometries, measured and fit files, count=2000 of each, and results
 	$(enter) python3 -m tests.fuzz $(count)
 	$(enter) python3 -m tests.fuzz.geometries $(count)
 	$(enter) python3 -m tests.fuzz.measured $(count)
+	$(enter) python3 -m tests.fuzz.results $(damaged)
 
 accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
 	$(enter) python3 -m benchmarks.accuracy_page

@@ -24,7 +24,8 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case import Case, CaseError, read_case, refusal
+from wovenfab.case.programs import effect_programs
 from wovenfab.record.history import read_history
 from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
@@ -97,16 +98,37 @@ class Run:
     """A run that has ended.
 
     Attributes:
-        case: What was run.
         history: A row for the start and for each step.
         summary: What ``summary.json`` has; empty where the run was killed or is going on.
         directory: The results directory; None of a run in memory.
     """
 
-    case: Case
     history: History
     summary: Mapping[str, Any]
     directory: Path | None = None
+    _case: Case | None = None
+
+    @cached_property
+    def case(self) -> Case:
+        """What was run; of results that were read it is read from their ``case.yaml`` now.
+
+        Nothing is executed for that. A case that names the Python file of an effect is read by
+        ``wovenfab.read_case(directory / "case.yaml")``, which runs that file.
+
+        Raises:
+            CaseError: If the case cannot be read, names such a file, or one that is not there.
+        """
+        if self._case is not None:
+            return self._case
+        assert self.directory is not None
+        path = self.directory / "case.yaml"
+        if programs := effect_programs(path):
+            raise refusal(
+                str(path),
+                f"reading this case runs {' and '.join(programs)}",
+                "Call wovenfab.read_case for it if that is wanted.",
+            )
+        return read_case(path)
 
     @property
     def finished(self) -> bool:
@@ -133,10 +155,11 @@ class Run:
         """Say what was run, how it ended and its main figures."""
         s = self.summary
         where = f", in {self.directory}" if self.directory else ""
+        name = self._case.name if self._case is not None else "case"
         if not s:
-            return f"Run({self.case.name}: killed or going on, {self.history}{where})"
+            return f"Run({name}: killed or going on, {self.history}{where})"
         return (
-            f"Run({self.case.name}: {s['outcome']}, {s['steps']} steps, peak force "
+            f"Run({name}: {s['outcome']}, {s['steps']} steps, peak force "
             f"{s['peak_force_N']:.6g} N, dissipated {s['dissipated_J']:.6g} J{where})"
         )
 
@@ -204,10 +227,13 @@ class Listener:
     Attributes:
         say: Gets messages.
         progress: Gets the progress.
+        accepted: Called on rank 0 alone when the run is refused no more: the results directory is
+            its own, and no file of an earlier run has been changed unless that was asked for.
     """
 
     say: Callable[[str], None] = lambda text: None
     progress: Callable[[Progress], None] = lambda now: None
+    accepted: Callable[[], None] = lambda: None
 
 
 @dataclass(frozen=True)
@@ -296,7 +322,15 @@ def execute(
 
                 write_errors(planned.estimate, place.path)
         outcome, columns, summary = run(
-            simulation, directory, progress, watch, checkpoint, until, interruption, errors
+            simulation,
+            directory,
+            progress,
+            watch,
+            checkpoint,
+            until,
+            interruption,
+            errors,
+            listener.accepted,
         )
         if names := simulation.solver.unread_options():
             what = "a name is misspelt, or nothing here uses it"
@@ -339,7 +373,7 @@ def simulate(
     chosen = read_case(case) if isinstance(case, str | Path) else case
     place = None if directory is None else Path(directory)
     done = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
-    return Run(done.case, History(done.columns), done.summary, place)
+    return Run(History(done.columns), done.summary, place, done.case)
 
 
 def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[SolvedStep]:
@@ -373,12 +407,14 @@ def _log_warning(text: str) -> None:
 def read_results(directory: str | Path) -> Run:
     """Return the run that a results directory holds; it may still go on, or have stopped.
 
+    Only data are read: nothing that the directory names is executed, or must still be there.
+
     Raises:
         FileNotFoundError: If it holds no results.
+        ValueError: If a file of theirs is damaged, or not written by wovenfab.
     """
     place = Path(directory)
-    case = read_case(place / "case.yaml")
-    return Run(case, History(read_history(place)), read_summary(place), place)
+    return Run(History(read_history(place)), read_summary(place), place)
 
 
 def _has_unit(name: str) -> bool:

@@ -1,10 +1,19 @@
-"""What a run says of its progress in a log."""
+"""What is printed: the progress in a log, and texts from outside as they are."""
 
 from __future__ import annotations
 
+import os
+import pty
+import subprocess
+import sys
+from contextlib import suppress
+from pathlib import Path
+
 import pytest
 
+from tests.cli.test_commands import wovenfab
 from wovenfab.cli.console import Console
+from wovenfab.parallel import child_environment
 from wovenfab.simulation.progress import Progress
 from wovenfab.stepping.step import Step
 
@@ -31,3 +40,49 @@ def test_a_log_tells_the_time_left_at_the_present_pace_once_it_can_be_known(
         "  0%  step 2: 2 mm, 1 iteration, cut back 1 time",
         " 30%  step 3: 2 mm, 3 iterations, cut back 2 times, 23 s left",
     ]
+
+
+#: Markup, sequences that set the title of a terminal, other controls, a change of direction.
+NASTY = "tc[/b] [red]x \x1b]0;title\x07 \x9b31m \x00 \u202ert \u2028 \\[ :smile:"
+
+
+def on_terminal(script: str) -> str:
+    """Return what a script prints on a terminal."""
+    code = f"from wovenfab.cli.console import Console\nNASTY = {NASTY!r}\n{script}"
+    reader, terminal = pty.openpty()
+    environment = child_environment() | {"COLUMNS": "200", "TERM": "dumb", "NO_COLOR": "1"}
+    process = subprocess.Popen(
+        [sys.executable, "-c", code], stdout=terminal, stderr=terminal, env=environment
+    )
+    os.close(terminal)
+    said = b""
+    with suppress(OSError):  # the end of a terminal
+        while part := os.read(reader, 4096):
+            said += part
+    os.close(reader)
+    assert process.wait() == 0, said.decode()
+    return said.decode()
+
+
+@pytest.mark.parametrize("call", ["say(NASTY)", "problem(NASTY)", "log(NASTY)"])
+@pytest.mark.parametrize("live", [True, False])
+def test_messages_show_as_they_are_and_control_no_terminal(call: str, live: bool) -> None:
+    script = f"with Console() as c: c.{call}" if live else f"Console().{call}"
+    said = on_terminal(script)
+    assert r"tc[/b] [red]x \x1b]0;title\x07 \x9b31m \x00 \u202ert \u2028 \[ :smile:" in said
+    assert not {"\x07", "\x00", "\x9b", "\u202e"} & {*said} and "\x1b]" not in said
+
+
+def test_names_and_phases_below_the_bar_are_plain() -> None:
+    said = on_terminal(
+        "from wovenfab.simulation.progress import Progress\n"
+        "with Console() as c:\n    c.progress(Progress(NASTY, 0.5)); c.rows({NASTY: 0.5})\n"
+    )
+    assert said.count(r"tc[/b] [red]x \x1b]0;title\x07") >= 2
+    assert "\x07" not in said and "\x1b]" not in said
+
+
+def test_an_argument_with_control_characters_is_refused_and_spelled_out(tmp_path: Path) -> None:
+    ended = wovenfab("report", "a\x1b]0;x\x07", cwd=tmp_path)
+    assert ended.returncode == 2 and r"\x1b]0;x\x07" in ended.stderr
+    assert "\x1b" not in ended.stderr + ended.stdout

@@ -1,8 +1,8 @@
-"""Some mutated cases; ``make fuzz`` tries 2 000."""
+"""Some mutated cases and damaged results; ``make fuzz`` tries many."""
 
 from __future__ import annotations
 
-from tests.fuzz import geometries, measured
+from tests.fuzz import geometries, measured, results
 from tests.fuzz.__main__ import GOOD, fuzz
 
 
@@ -18,3 +18,7 @@ def test_mutated_measured_and_fit_files_are_accepted_or_refused_in_words() -> No
 
 def test_mutated_geometry_files_are_accepted_or_refused_in_words() -> None:
     assert geometries.fuzz(range(12), seconds=60.0).keys() <= GOOD
+
+
+def test_damaged_results_are_read_or_refused_in_words_and_left_as_they_are() -> None:
+    assert results.fuzz(range(6)).keys() <= results.GOOD

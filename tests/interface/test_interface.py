@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
@@ -12,6 +13,8 @@ import pytest
 from mpi4py import MPI
 
 import wovenfab
+from tests.cli.test_commands import wovenfab as command
+from wovenfab.cli.report import export_results, report_results
 from wovenfab.record.results import ResultsExistError
 from wovenfab.study import effects
 from wovenfab.study.effects import Cost, parameters_of, sensitivities, study
@@ -164,3 +167,85 @@ def test_all_ranks_get_the_history_of_one(case: wovenfab.Case) -> None:
     for name in ("force", "dissipated", "energy"):
         scale = np.abs(alone.history[name]).max()
         assert together.history[name] == pytest.approx(alone.history[name], abs=1e-8 * scale)
+
+
+OWN = """
+import pathlib
+pathlib.Path(__file__).with_name("executed").touch()
+"""
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the results of a run with an effect of its own and a table."""
+    folder = tmp_path_factory.mktemp("own")
+    text = (ROOT / "docs" / "examples" / "my_effect.py").read_text()
+    (folder / "my_effect.py").write_text(text + OWN)
+    (folder / "table.csv").write_text("time_s,displacement_m\n0,0\n1,0.01\n")
+    (folder / "case.yaml").write_text(
+        "sheet: {length: 0.3 m, width: 0.1 m, fibres: [45 deg, -45 deg]}\n"
+        "effects:\n  stretch: {stiffness: 100 kN/m}\n"
+        "  my_effect: {file: my_effect.py, stiffness: 50 N/m}\n"
+        "boundary: {left: clamp, right: {displacement: [program, 0]}}\n"
+        "program: {type: table, file: table.csv, steps: 2}\n"
+        "discretisation: {degree: 2, mesh_size: 0.1 m}\noutput: {pictures: false}\n"
+    )
+    wovenfab.simulate(folder / "case.yaml", folder / "run")
+    assert (folder / "executed").exists()
+    (folder / "executed").unlink()
+    return folder
+
+
+@pytest.mark.parametrize("gone", [(), ("my_effect.py", "table.csv")])
+def test_results_are_read_from_data_alone(own: Path, gone: tuple[str, ...], tmp_path: Path) -> None:
+    folder = shutil.copytree(own, tmp_path / "moved")
+    for name in gone:
+        (own / name).rename(tmp_path / name)
+    try:
+        read = wovenfab.read_results(folder / "run")
+        assert read.finished and read.history["force"][-1] > 0 and "finished" in repr(read)
+        assert read.fields.field("displacement", -1).max() > 0
+        assert report_results([folder / "run"], None) == 0
+        assert export_results(folder / "run", None, last=True) == 0
+        with pytest.raises(wovenfab.CaseError, match=r"runs .*my_effect\.py"):
+            _ = read.case
+    finally:
+        for name in gone:
+            (tmp_path / name).rename(own / name)
+    assert not (own / "executed").exists() and not (folder / "executed").exists()
+    assert wovenfab.read_case(own / "run" / "case.yaml").effects["my_effect"]
+    (own / "executed").unlink()
+
+
+def test_a_run_goes_on_where_its_files_were_moved_with_it(own: Path, tmp_path: Path) -> None:
+    folder = shutil.copytree(own, tmp_path / "moved")
+    path = folder / "run" / "case.yaml"
+    path.write_text(path.read_text().replace(str(own), str(folder)))
+    ended = command("resume", "run", cwd=folder)
+    assert ended.returncode == 0, ended.stderr
+    (folder / "my_effect.py").write_text((folder / "my_effect.py").read_text() + "\n# other\n")
+    ended = command("resume", "run", cwd=folder)
+    assert ended.returncode == 2 and "effects.my_effect" in ended.stderr
+
+
+def test_resume_says_what_it_runs_before_it_does(own: Path) -> None:
+    (own / "my_effect.py").write_text("import sys\nsys.exit('it was run')\n")
+    ended = command("resume", "run", cwd=own)
+    assert ended.returncode == 2
+    assert "my_effect.py" in ended.stdout.splitlines()[0] and "it was run" in ended.stderr
+
+
+def test_the_case_of_results_that_were_read_is_that_which_was_run(
+    case: wovenfab.Case, tmp_path: Path
+) -> None:
+    written = wovenfab.simulate(case, tmp_path / "run")
+    assert wovenfab.read_results(tmp_path / "run").case.to_yaml() == case.to_yaml()
+    assert written.case == case
+
+
+def test_damaged_results_are_one_message(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        wovenfab.read_results(tmp_path)
+    (tmp_path / "history.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match=r"history\.csv:1: "):
+        wovenfab.read_results(tmp_path)

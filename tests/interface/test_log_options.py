@@ -55,3 +55,58 @@ def test_the_package_has_no_handler_until_one_is_configured() -> None:
     )
     assert ended.stdout.strip() == "[]", pytest.fail(ended.stderr)
     assert logging.getLogger("wovenfab").getEffectiveLevel() >= logging.WARNING
+
+
+CASE = """\
+sheet: {length: 0.3 m, width: 0.1 m, fibres: [45 deg, -45 deg]}
+effects: {stretch: {stiffness: 100 kN/m}, shear: {stiffness: 50 N/m}}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: ramp, to: 1 mm, steps: 1}
+discretisation: {degree: 2, mesh_size: 0.1 m}
+output: {pictures: false}
+"""
+ENTRY = "2026-01-02 03:04:05,678 INFO    wovenfab.solver.newton: an earlier run\n"
+
+
+@pytest.mark.parametrize(
+    ("log", "content"),
+    [
+        ("case.yaml", CASE),
+        ("own.py", "EFFECT = 1\n"),
+        ("data.csv", "0,1\n"),
+        ("notes.log", "2026-01-02 my own notes\n"),
+        ("run/history.csv", None),
+        ("run/fields/run.log", None),
+        ("run", None),
+        ("no/run.log", None),
+        (".", None),
+    ],
+)
+def test_a_log_replaces_nothing_but_a_log(log: str, content: str | None, tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(CASE)
+    if content is not None:
+        (tmp_path / log).write_text(content)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    ended = wovenfab("run", "case.yaml", "-o", "run", "--log", log, cwd=tmp_path)
+    assert ended.returncode == 2 and ended.stderr.startswith("--log: ")
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+def test_a_log_is_written_only_when_the_run_is_accepted(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(CASE)
+    (tmp_path / "run.log").write_text(ENTRY)
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "mine.txt").touch()
+    for arguments in (("-o", "taken"), ("-o", "run", "--set", "effects.shear.stiffness=x")):
+        for log in ("run.log", "new.log"):
+            ended = wovenfab("run", "case.yaml", *arguments, "--log", log, cwd=tmp_path)
+            assert ended.returncode == 2
+    assert (tmp_path / "run.log").read_text() == ENTRY
+    assert not (tmp_path / "new.log").exists() and not (tmp_path / "run").exists()
+    ended = wovenfab("run", "case.yaml", "-o", "run", "--log", "run.log", cwd=tmp_path)
+    assert ended.returncode == 0, ended.stderr
+    assert ENTRY not in (text := (tmp_path / "run.log").read_text()) and "|r|" in text
+    inside = ("--overwrite", "--log", "run/run.log")
+    for _ in range(2):  # the log of a run may lie in its results
+        ended = wovenfab("run", "case.yaml", "-o", "run", *inside, cwd=tmp_path)
+        assert ended.returncode == 0, ended.stderr

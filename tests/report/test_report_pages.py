@@ -13,7 +13,7 @@ from tests.report.sample import CASE, make
 from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
-from wovenfab.record.history import BiasExtension, read_history
+from wovenfab.record.history import ESSENTIAL, BiasExtension, read_history
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
 from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
@@ -262,9 +262,11 @@ def test_a_directory_without_results_is_named(
 def test_an_empty_history_is_told_without_a_traceback(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (tmp_path / "history.csv").touch()
-    assert report_results([tmp_path], None) == 1
-    assert report_results([tmp_path, tmp_path], tmp_path / "p.html") == 2
-    said = capsys.readouterr().err
-    assert said.count("a history without a single step") >= 2
+    history = tmp_path / "history.csv"
+    for text, reason in (("", "history.csv:1: "), (f"{','.join(ESSENTIAL)}\n", "a single step")):
+        history.write_text(text)
+        assert report_results([tmp_path], None) == 2
+        assert report_results([tmp_path, tmp_path], tmp_path / "p.html") == 2
+        said = capsys.readouterr().err
+        assert said.count(reason) == len(said.splitlines()) == 2
     assert not (tmp_path / "p.html").exists()

@@ -1,7 +1,9 @@
+import json
 import shutil
 import subprocess
 import sys
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from matplotlib.image import imread
 from mpi4py import MPI
 
 from tests.report.sample import make
+from wovenfab.cli.report import report_results
 from wovenfab.record.fields import FieldSeries, read_fields
 from wovenfab.record.history import read_history
 from wovenfab.report.curves import loop
@@ -174,3 +177,18 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     triangulation = axes.collections[0].get_datalim(axes.transData)
     width = 1e3 * np.ptp(points[:, 1])
     assert triangulation.height == pytest.approx(width + 1e3 * MODE_SIZE * 0.9, rel=0.05)
+
+
+def test_a_users_text_is_no_formula_and_controls_nothing(tmp_path: Path) -> None:
+    title = r"5 $ and \frac{$ or $x^{2$ [b] <i> & tab"
+    results = make(tmp_path / "run[b]", [0.03], placements=1, every=80)
+    case = results / "case.yaml"
+    text = case.read_text()
+    first = text.splitlines()[0]
+    case.write_text(text.replace(first, f"title: {json.dumps(title + chr(27) + ']0;x' + chr(7))}"))
+    assert report_results([results], None) == 0
+    texts = [t.strip() for t in ET.parse(results / "loop.svg").getroot().itertext()]
+    assert any(r"5 $ and \frac{$ or $x^{2$" in t for t in texts)
+    page = (results / "report.html").read_text()
+    assert "could not be drawn" not in page and r"\x1b]0;x\x07" in page
+    assert not {"\x1b", "\x07"} & {*page, *(results / "loop.svg").read_text()}

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -15,6 +19,7 @@ from wovenfab.case import Case, CaseError, read_case
 from wovenfab.interface import Execution, execute
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import CHECKPOINT, NothingToResumeError
+from wovenfab.simulation.from_case import options_of
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -343,3 +348,79 @@ def test_a_mesh_is_known_again_on_other_ranks(tmp_path: Path) -> None:
     COMM.barrier()
     with pytest.raises(NothingToResumeError, match="now gives another mesh"):
         run(plate(place), place / "run", COMM, resume=True)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("bdf2", "backward-euler"), ("backward-euler", "bdf2"), ("midpoint", "bdf2")],
+)
+def test_a_run_goes_on_with_another_time_scheme_though_a_factor_was_kept(
+    before: str, after: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        "wovenfab.simulation.simulation.options_of",
+        lambda case: replace(options_of(case), keep_from=0.0),  # however cheap it is
+    )
+    case = small("bias-1x3", f"time.scheme={before}", "output.every=100")
+    run(case, tmp_path / "run", until=0.041)
+    with h5py.File(tmp_path / "run" / CHECKPOINT) as file:
+        linear = json.loads(file["state"][()])["values"]["stepper"]["solver"]["newton"]["linear"]
+    assert linear["source"] is not None  # the factor is formed again from there
+    gone = run(case.changed(f"time.scheme={after}"), tmp_path / "run", resume=True)
+    whole = run(case.changed(f"time.scheme={after}"), tmp_path / "whole")
+    assert gone.outcome.failure is None
+    force = np.abs(whole.columns["force_N"]).max()
+    assert abs(gone.columns["force_N"][-1] - whole.columns["force_N"][-1]) < 0.05 * force
+
+
+@pytest.fixture(scope="module")
+def paused(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("paused") / "run"
+    run(small("bias-1x3", "output.checkpoint=2"), directory, until=0.041)
+    return directory
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _of_other_times(path: Path) -> None:
+    head, *rows = path.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    moved = [",".join([c[0], repr(2 * float(c[1])), *c[2:]]) for c in cells]
+    path.write_text("\n".join([head, *moved, ""]))
+
+
+def _contents(directory: Path) -> dict[str, bytes]:
+    return {str(p): p.read_bytes() for p in sorted(directory.rglob("*")) if p.is_file()}
+
+
+@pytest.mark.parametrize(
+    ("name", "damage"),
+    [
+        ("history.csv", _cut),
+        ("history.csv", _of_other_times),
+        ("history.csv", Path.unlink),
+        ("reactions.csv", _cut),
+        ("reactions.csv", lambda path: path.write_bytes(b"\xff\xfe")),
+        ("fields/000000.h5", _cut),
+    ],
+)
+def test_a_run_that_cannot_go_on_is_refused_with_the_file_and_nothing_is_changed(
+    name: str, damage: Callable[[Path], object], paused: Path, tmp_path: Path
+) -> None:
+    directory = shutil.copytree(paused, tmp_path / "run")
+    damage(directory / name)
+    before = _contents(directory)
+    case = small("bias-1x3", "output.checkpoint=2")
+    with pytest.raises(NothingToResumeError, match=Path(name).name):
+        run(case, directory, resume=True)
+    assert _contents(directory) == before
+
+
+def test_rows_after_the_checkpoint_may_be_damaged(paused: Path, tmp_path: Path) -> None:
+    directory = shutil.copytree(paused, tmp_path / "run")
+    with (directory / "history.csv").open("ab") as file:
+        file.write(b"\x00" * 64 + b"\n\xff")
+    case = small("bias-1x3", "output.checkpoint=2")
+    assert run(case, directory, resume=True).outcome.failure is None

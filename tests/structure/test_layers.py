@@ -16,6 +16,7 @@ LAYERS = (
     "wovenfab.versions",
     "wovenfab.parallel",
     "wovenfab.compat",
+    "wovenfab.plain_text",
     "wovenfab.case",
     "wovenfab.measured",
     "wovenfab.sheet",

@@ -21,6 +21,7 @@ from wovenfab.cli.console import (
 )
 from wovenfab.lacking import LackingError, module_is_missing
 from wovenfab.mpi import abort
+from wovenfab.plain_text import printable
 from wovenfab.simulation.progress import signal_behind
 
 _option = partial(typer.Option, show_default=False)
@@ -450,6 +451,9 @@ def guarded(command: Callable[[], None]) -> None:
     except UnicodeEncodeError:
         console.problem("an argument is not UTF-8 text; give the file another name")
         sys.exit(BAD_INPUT)
+    if odd := next((a for a in sys.argv if printable(a) != a), None):  # typer would print it
+        console.problem(f"an argument has control characters: {odd}; give the file another name")
+        sys.exit(BAD_INPUT)
     try:
         command()
     except CaseError as error:
@@ -466,7 +470,7 @@ def guarded(command: Callable[[], None]) -> None:
             console.problem("interrupted")
             sys.exit(INTERRUPTED)
         # A fault of the program: say so, and take the other ranks down with this one.
-        traceback.print_exc()
+        print(printable(traceback.format_exc()), end="", file=sys.stderr)
         print("wovenfab: this is a fault of the program; please report it.", file=sys.stderr)
         abort()
         sys.exit(1)

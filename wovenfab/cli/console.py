@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import signal
 import sys
 import time
@@ -11,8 +12,11 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
+from wovenfab.case import refusal
+from wovenfab.plain_text import printable
+from wovenfab.record.results import FILES, FOLDERS
 from wovenfab.simulation.progress import Progress
 
 BAD_INPUT = 2
@@ -29,6 +33,9 @@ UNKNOWN = 0.01
 RANKS = ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK", "SLURM_PROCID")
 #: Levels of ``-v`` and ``-vv``.
 LEVELS = (logging.WARNING, logging.INFO, logging.DEBUG)
+#: The first line of a log of wovenfab, and how much of it is read.
+_LOGGED = re.compile(rb"\d{4}-\d\d-\d\d \d\d:\d\d:\d\d,\d{3} [A-Z]+ +wovenfab[\w.]*: ")
+_LONGEST = 200
 _FILE_FORMAT = "%(asctime)s %(levelname)-7s %(name)s: %(message)s"
 #: How many ranks srun has started; the last one above is set in the script of a job, too.
 OF_SRUN = "SLURM_STEP_NUM_TASKS"
@@ -56,7 +63,11 @@ def prepare_streams() -> None:
 
 
 class Console:
-    """Prints on the first rank only: a live bar on a terminal, plain lines in a log."""
+    """Prints on the first rank only: a live bar on a terminal, plain lines in a log.
+
+    All that the commands print goes through it: texts are plain, without markup, and control
+    characters in titles, names and paths are spelled out.
+    """
 
     def __init__(self) -> None:
         """Find out whether this is the first rank."""
@@ -74,8 +85,7 @@ class Console:
             return
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # by PETSc it ends the process
         try:
-            (self._bar.console.print if self._bar else print)(text)
-            sys.stdout.flush()
+            self._print(printable(text), sys.stdout)
         except OSError as error:  # nobody reads any more, or the disk is full: go on without
             with Path(os.devnull).open("w") as nowhere:
                 os.dup2(nowhere.fileno(), sys.stdout.fileno())
@@ -92,7 +102,7 @@ class Console:
         """
         if not self._first:
             return
-        line = text if ".yaml:" in text else f"wovenfab: {text}"
+        line = printable(text if ".yaml:" in text else f"wovenfab: {text}")
         print(line, file=sys.stderr, flush=True)
         if launcher_ends:
             with suppress(OSError), Path("/dev/tty").open("w") as terminal:
@@ -100,10 +110,16 @@ class Console:
 
     def log(self, text: str) -> None:
         """Print a message of the log to the error stream, or above the live bar."""
+        if self._first:
+            self._print(printable(text), sys.stderr)
+
+    def _print(self, text: str, stream: TextIO) -> None:
+        """Print above the live bar, or to a stream if there is none."""
         if self._bar:
-            self._bar.console.print(text, markup=False, highlight=False)
-        elif self._first:
-            print(text, file=sys.stderr, flush=True)
+            plain = {"markup": False, "highlight": False, "emoji": False, "soft_wrap": True}
+            self._bar.console.print(text, **plain)
+        else:
+            print(text, file=stream, flush=True)
 
     def __enter__(self) -> Console:
         """Start the live bar on a terminal."""
@@ -111,11 +127,11 @@ class Console:
             from rich import progress as rich
 
             self._bar = rich.Progress(
-                rich.TextColumn("{task.description}"),
+                rich.TextColumn("{task.description}", markup=False),
                 rich.BarColumn(),
                 rich.TextColumn("{task.percentage:>3.0f} %"),
                 rich.TimeRemainingColumn(),
-                rich.TextColumn("{task.fields[state]}"),
+                rich.TextColumn("{task.fields[state]}", markup=False),
             )
             self._bar.start()
             self._task = self._bar.add_task("starting", total=1.0, state="")
@@ -134,7 +150,8 @@ class Console:
                 self._bar.remove_task(self._rows.pop(name))
             for name, share in shares.items():
                 if name not in self._rows:
-                    self._rows[name] = self._bar.add_task(f"  {name}", total=1.0, state="")
+                    shown = printable(f"  {name}")
+                    self._rows[name] = self._bar.add_task(shown, total=1.0, state="")
                 self._bar.update(self._rows[name], completed=share)
 
     def progress(self, now: Progress) -> None:
@@ -143,7 +160,8 @@ class Console:
             return
         state = _state(now)
         if self._bar:
-            self._bar.update(self._task, description=now.phase, completed=now.done, state=state)
+            phase = printable(now.phase)
+            self._bar.update(self._task, description=phase, completed=now.done, state=state)
             return
         moment = time.monotonic()
         if now.phase != self._phase:
@@ -190,9 +208,87 @@ class _Printer(logging.Handler):
         self._show(self.format(record))
 
 
+class _Lines(logging.Formatter):
+    """Writes a message of the log as lines without control characters."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        return printable(super().format(record))
+
+
+class _LogFile(logging.Handler):
+    """Writes the log into a file from when it is opened on; keeps the lines before."""
+
+    def __init__(self, path: Path, complain: Callable[[str], None]) -> None:
+        super().__init__()
+        self.setFormatter(_Lines(_FILE_FORMAT))
+        self._path, self._complain = path, complain
+        self._file: TextIO | None = None
+        self._lines: list[str] | None = []
+
+    def open(self) -> None:
+        """Replace the file, and write what was kept.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        self._file = self._path.open("w", encoding="utf-8")
+        kept, self._lines = self._lines or [], None
+        self._file.writelines(kept)
+        self._file.flush()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        line = self.format(record) + "\n"
+        if self._lines is not None:
+            self._lines.append(line)
+        elif self._file is not None:
+            try:
+                self._file.write(line)
+                self._file.flush()
+            except OSError as error:  # as of a full disk: the run goes on without
+                self._file = None
+                self._complain(f"{self._path} cannot be written ({error.strerror}), and ends here")
+
+    def close(self) -> None:
+        with suppress(OSError, AttributeError):
+            self._file.close()  # type: ignore[union-attr]
+        super().close()
+
+
+def require_log(file: Path, directory: Path) -> None:
+    """Refuse a log file that would replace anything but a log, and one that cannot be written.
+
+    Args:
+        file: The log file.
+        directory: The results directory, which need not be there yet.
+
+    Raises:
+        CaseError: With the reason.
+    """
+    place, results = file.resolve(), directory.resolve()
+    remedy = "Choose another file, such as run.log."
+    if place.is_dir() or results.is_relative_to(place):
+        raise refusal("--log", f"{file} is a folder", remedy)
+    if place.is_relative_to(results) and place.relative_to(results).parts[0] in {*FILES, *FOLDERS}:
+        raise refusal("--log", f"{file} is a file of the results", remedy)
+    if place.exists():
+        writable = os.access(place, os.W_OK)
+    else:
+        writable = place.parent == results or os.access(place.parent, os.W_OK | os.X_OK)
+    if not writable:
+        there = place.exists() or place.parent.is_dir()
+        why = "is not allowed" if there else f"there is no folder {file.parent}"
+        raise refusal("--log", f"{file} cannot be written: {why}", remedy)
+    if place.is_file():
+        with place.open("rb") as before:
+            first = before.readline(_LONGEST)
+        if first and not _LOGGED.match(first):
+            message = f"{file} is there and is no log of wovenfab, so it is left alone"
+            raise refusal("--log", message, remedy)
+
+
 def configure_log(
     verbosity: int, file: Path | None, show: Callable[[str], None], first_rank: bool
-) -> None:
+) -> Callable[[], None]:
     """Choose what is logged and where; nothing is unless asked for.
 
     Every module logs to ``logging.getLogger(__name__)``: decisions that last (a cut step, a change
@@ -205,8 +301,8 @@ def configure_log(
         show: Shows a message on the screen.
         first_rank: Whether this process is the first rank, which alone writes.
 
-    Raises:
-        OSError: If the file cannot be written.
+    Returns:
+        What opens the file, which is not touched before. It raises an OSError if that fails.
     """
     package = logging.getLogger("wovenfab")
     for handler in package.handlers[:]:
@@ -217,11 +313,12 @@ def configure_log(
     package.propagate = False
     if not first_rank:
         package.addHandler(logging.NullHandler())
-        return
+        return lambda: None
     printer = _Printer(show)
     printer.setLevel(screen)
     package.addHandler(printer)
-    if file is not None:
-        writer = logging.FileHandler(file, mode="w", encoding="utf-8")
-        writer.setFormatter(logging.Formatter(_FILE_FORMAT))
-        package.addHandler(writer)
+    if file is None:
+        return lambda: None
+    writer = _LogFile(file, show)
+    package.addHandler(writer)
+    return writer.open

@@ -37,11 +37,16 @@ def report_results(
     if len(directories) == 1 and output is not None:
         console.problem("-o names the page of several runs; that of one is in its own directory")
         return BAD_INPUT
+    from wovenfab.record.summary import read_cycles
     from wovenfab.report.pages import default_place
+    from wovenfab.report.run_data import open_run_data
 
     page = output or default_place(directories)
     folder = directories[0] if len(directories) == 1 else page.parent
     try:
+        for directory in directories:  # one message, rather than one for each picture
+            open_run_data(directory)
+            read_cycles(directory)
         measured = [] if lab is None else [_measured(console, directories, lab, layout, folder)]
         if len(directories) == 1:
             return _report(console, directories[0], animation, measured)
@@ -71,14 +76,15 @@ def _report(
     names, makers = (*REPORT, *(["animation"] if animation else [])), dict(MAKERS)
     makers["page"] = partial(draw_page, more=more)
     try:
-        drawn, problem = draw(directory, names, makers), None
+        drawn, failed = draw(directory, names, makers), None
     except ReportError as error:
-        drawn, problem = error.drawn, str(error)
+        drawn, failed = error.drawn, error
     for path in drawn:
         console.say(str(path))
-    if problem is not None:
-        console.problem(problem)
-    return 0 if problem is None else NOT_DRAWN
+    if failed is None:
+        return 0
+    console.problem(str(failed))
+    return BAD_INPUT if failed.damaged else NOT_DRAWN
 
 
 def _measured(

@@ -16,6 +16,7 @@ from typing import Any
 
 from wovenfab.case import CaseError, read_case, units
 from wovenfab.case.errors import Problem
+from wovenfab.case.programs import effect_programs, geometry_programs
 from wovenfab.cli.console import (
     BAD_INPUT,
     CANNOT_WRITE,
@@ -25,6 +26,7 @@ from wovenfab.cli.console import (
     configure_log,
     is_first_rank,
     is_launched,
+    require_log,
 )
 from wovenfab.mpi import on_ranks
 from wovenfab.parallel import ending_with_parent
@@ -94,12 +96,17 @@ def run_case(
 
     Arguments are those of the command: ``until`` is a time with its unit, ``verbosity`` 0 to 2.
     """
-    started = time.perf_counter()
+    started, console, watch = time.perf_counter(), Console(), Stopwatch()
+    if resume:
+        for program in (*effect_programs(path, overrides), *geometry_programs(path, overrides)):
+            console.say(f"{path} runs {program}")
     case, end = read_case(path, overrides), _seconds(until)
-    directory, watch, console = output or Path("results") / case.name, Stopwatch(), Console()
+    directory = output or Path("results") / case.name
+    if log_file is not None:
+        require_log(log_file, directory)
     with Interruption(is_launched()) as interruption, console:
         try:
-            configure_log(verbosity, log_file, console.log, is_first_rank())
+            open_log = configure_log(verbosity, log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
             _start_petsc(petsc)
             from wovenfab.interface import Listener, execute
@@ -111,7 +118,7 @@ def run_case(
                 case,
                 directory,
                 overwrite,
-                listener=Listener(console.say, console.progress),
+                listener=Listener(console.say, console.progress, open_log),
                 watch=watch,
                 resume=resume,
                 until=end,

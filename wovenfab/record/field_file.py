@@ -6,8 +6,10 @@ does not depend on the ranks, so that another number of ranks can go on.
 
 from __future__ import annotations
 
+import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os import SEEK_END
 from pathlib import Path
@@ -18,6 +20,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
+from wovenfab.record.reading import UnreadableResultsError, damaged
 from wovenfab.record.results import (
     CHECKPOINT,
     EARLIER_CHECKPOINT,
@@ -30,6 +33,12 @@ FIELDS, MODE, ERROR = "fields", "mode", "error"
 DATA = f"{FIELDS}.h5"
 #: Name of the file with the mesh, in the folder of a series.
 MESH = "mesh.h5"
+#: Number of times up to which the file that joins them is written at each, and the share by which
+#: it may then be behind.
+JOINED_EACH, BEHIND = 64, 1 / 8
+#: What h5py raises for damaged files, and how far deflate can shrink data.
+_HDF5_ERRORS = (OSError, LookupError, ValueError, TypeError, RuntimeError, MemoryError)
+_DEFLATED = 1100
 #: No file lock: a run must go on while somebody looks at its results.
 UNLOCKED: dict[str, Any] = {"locking": False}
 
@@ -85,7 +94,8 @@ class FieldFile:
 
     Each time is a file of its own in a folder, written whole: neither a killed run nor a full
     disk can damage the times before. ``name.h5`` joins them by links, as groups of ``/steps``, and
-    lists them as ``/numbers`` and ``/times``.
+    lists them as ``/numbers`` and ``/times``. It is written anew after a growing number of times,
+    so that what is written in all grows with the number of times; ``finish`` brings it up to date.
     """
 
     def __init__(
@@ -116,6 +126,8 @@ class FieldFile:
         self._vectors: dict[str, bool] = {}
         self._steps: list[int] = []
         self._times: list[float] = []  # s
+        self._joined = 0
+        earlier = kept_times(self._folder, until)
 
         def fill(file: h5py.File) -> None:
             mesh = file.create_group("mesh")
@@ -124,7 +136,11 @@ class FieldFile:
 
         self._folder.mkdir(exist_ok=True)
         write_whole(self._folder / MESH, hdf5_image(fill))
-        self._keep(until)
+        for path in _files_in(self._folder):
+            if int(path.stem) > until:
+                path.unlink()
+        for one in earlier:
+            self._add(*one)
         self._join()
 
     def add(self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]) -> None:
@@ -149,21 +165,15 @@ class FieldFile:
                 file.create_dataset(name, data=data, **_PACK).attrs["unit"] = self._units[name]
             file.attrs.update(step=step, time=time)
 
-        write_whole(self._folder / _file_of(step), hdf5_image(fill))
+        write_whole(self._folder / file_of(step), hdf5_image(fill))
         self._add(step, time, vectors)
-        self._join()
+        if len(self._times) <= JOINED_EACH or len(self._times) > (1 + BEHIND) * self._joined:
+            self._join()
 
-    def _keep(self, until: int) -> None:
-        """Take over the times of an earlier series; remove those after a step."""
-        for path in sorted(self._folder.glob("[0-9]*.h5")):
-            step = int(path.stem)
-            if step > until:
-                path.unlink()
-                continue
-            with h5py.File(path, "r", **UNLOCKED) as file:
-                time = float(file.attrs["time"])
-                vectors = {name: data.ndim == 2 for name, data in file.items()}
-            self._add(step, time, vectors)
+    def finish(self) -> None:
+        """Let the file that joins all times have the last ones, too."""
+        if self._joined < len(self._times):
+            self._join()
 
     def _add(self, step: int, time: float, vectors: dict[str, bool]) -> None:
         self._append(self._frame(time, step, vectors))
@@ -184,9 +194,10 @@ class FieldFile:
             file.create_dataset("times", data=np.array(self._times)).attrs["unit"] = "s"
             steps = file.create_group("steps")
             for step in self._steps:
-                steps[f"{step:06d}"] = h5py.ExternalLink(f"{folder}/{_file_of(step)}", "/")
+                steps[f"{step:06d}"] = h5py.ExternalLink(f"{folder}/{file_of(step)}", "/")
 
         write_whole(self._data, hdf5_image(fill))
+        self._joined = len(self._times)
 
     def _frame(self, time: float, step: int, vectors: Mapping[str, bool]) -> str:
         """Return the XDMF text of one time.
@@ -196,7 +207,7 @@ class FieldFile:
         split the fields over blocks when each has a collection of its own. ``vectors`` says
         of each field of the step whether it has three components.
         """
-        data = _file_of(step)
+        data = file_of(step)
         grid = ET.Element("Grid", Name="sheet", GridType="Uniform")
         ET.SubElement(grid, "Time", Value=repr(time))
         cells = {"TopologyType": self._cells.kind, "NumberOfElements": str(self._cells.count)}
@@ -253,7 +264,81 @@ def hdf5_image(fill: Callable[[h5py.File], None]) -> bytes:
         return image
 
 
-def _file_of(step: int) -> str:
+def _files_in(folder: Path) -> list[Path]:
+    """Return the files of the times of a series, ascending; none if there is no folder."""
+    return sorted((p for p in folder.glob("*.h5") if p.stem.isdecimal()), key=lambda p: int(p.stem))
+
+
+def times_after(folder: Path, last: int) -> list[tuple[int, float]]:
+    """Return number and time (s) of the steps of a series after one.
+
+    Raises:
+        UnreadableResultsError: A file is damaged.
+    """
+    files = [path for path in _files_in(folder) if int(path.stem) > last]
+    return [(int(path.stem), _contents(path)[0]) for path in files]
+
+
+def kept_times(folder: Path, until: int) -> list[tuple[int, float, dict[str, bool]]]:
+    """Return the steps of an earlier series up to one: number, time (s), which fields are vectors.
+
+    Raises:
+        NothingToResumeError: A file of theirs is damaged.
+    """
+    files = [path for path in _files_in(folder) if int(path.stem) <= until]
+    try:
+        return [(int(path.stem), *_contents(path)) for path in files]
+    except UnreadableResultsError as error:
+        raise NothingToResumeError(f"the run cannot go on: {error}") from None
+
+
+def _contents(path: Path) -> tuple[float, dict[str, bool]]:
+    """Return the time (s) of a file, and which of its fields are vectors."""
+    with opened(path) as file:
+        time = float(file.attrs["time"])
+        return time, {name: data.ndim == 2 for name, data in file.items()}
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[h5py.File]:
+    """Open an HDF5 file for reading.
+
+    Raises:
+        UnreadableResultsError: It is missing or damaged, or lacks what is asked of it inside.
+    """
+    if not path.exists():
+        raise damaged(path, "the file is missing")
+    try:
+        with h5py.File(path, "r", **UNLOCKED) as file:
+            yield file
+    except UnreadableResultsError:
+        raise
+    except (*_HDF5_ERRORS, AttributeError) as error:
+        reason = " ".join(str(error).split())
+        raise damaged(path, f"this is no such HDF5 file ({reason})") from None
+
+
+def values_of(file: h5py.File, name: str) -> NDArray[Any]:
+    """Return the numbers of a data set, all finite.
+
+    Raises:
+        UnreadableResultsError: There are no such numbers.
+    """
+    data = file[name]
+    path = Path(file.filename)
+    if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "iuf":
+        raise damaged(path, f"{name} has no numbers")
+    # a damaged head may claim any size: deflate shrinks a thousandfold at most
+    if data.nbytes > _DEFLATED * data.id.get_storage_size() + _DEFLATED:
+        raise damaged(path, f"{name} is not whole")
+    values: NDArray[Any] = data[()]
+    if not np.isfinite(values).all():
+        raise damaged(path, f"{name} has values that are not finite")
+    return values
+
+
+def file_of(step: int) -> str:
+    """Return the name of the file of a step, in the folder of a series."""
     return f"{step:06d}.h5"
 
 
@@ -262,6 +347,9 @@ def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.column_stack([planar, np.zeros(len(planar))])
 
 
+#: Array of the program so far: times (s), values (m or N), whether they are forces, and values of
+#: the second program (m); shape (4, n).
+PROGRAM = "program"
 #: Version of what checkpoints hold; another one cannot be read.
 VERSION = 6
 
@@ -289,18 +377,16 @@ def write_checkpoint(directory: Path, checkpoint: Checkpoint) -> None:
     Raises:
         OSError: It cannot be written; the earlier ones are still there.
     """
+    state = json.dumps(
+        {"step": checkpoint.step, "time": checkpoint.time, "values": checkpoint.values}
+    )
 
     def fill(file: h5py.File) -> None:
         for name, rows in checkpoint.arrays.items():
             file.create_dataset(name, data=rows)
         file.attrs["version"] = VERSION
-        file["state"] = json.dumps(
-            {
-                "step": checkpoint.step,
-                "time": checkpoint.time,
-                "values": checkpoint.values,
-            }
-        )
+        file.attrs["digest"] = _digest(state, checkpoint.arrays)
+        file["state"] = state
 
     new, last = directory / f"{CHECKPOINT}.new", directory / CHECKPOINT
     write_whole(new, hdf5_image(fill))
@@ -309,15 +395,42 @@ def write_checkpoint(directory: Path, checkpoint: Checkpoint) -> None:
     new.replace(last)
 
 
+def _digest(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> str:
+    """Return a digest of what a checkpoint holds."""
+    made = hashlib.sha256(state.encode())
+    for name in sorted(arrays):
+        rows = np.ascontiguousarray(arrays[name])
+        made.update(f"{name} {rows.dtype} {rows.shape}".encode())
+        made.update(rows.data)
+    return made.hexdigest()
+
+
+def _checkpoint(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> Checkpoint | None:
+    """Return the checkpoint with a state as it is stored; None if it lacks something."""
+    try:
+        checkpoint = Checkpoint(**json.loads(state), arrays=arrays)
+        run, program = checkpoint.values["run"], arrays[PROGRAM]
+        plain = isinstance(checkpoint.step, int) and isinstance(checkpoint.time, float | int)
+        parts = {"stepper", "case", "chosen"} <= {*checkpoint.values}
+        parts = parts and {"parts", "outcome", "losses", "errors"} <= {*run}
+        return checkpoint if plain and parts and len(program) == 4 else None
+    except (TypeError, LookupError, ValueError, AttributeError, RecursionError):
+        return None
+
+
 def newest_checkpoint(directory: Path) -> Checkpoint:
     """Return the newest whole checkpoint of a results directory; on one rank.
 
     Raises:
         NothingToResumeError: There is none, or another version wrote it.
     """
+    there = False
     for name in (f"{CHECKPOINT}.new", CHECKPOINT, EARLIER_CHECKPOINT):
+        if not (directory / name).exists():
+            continue
+        there = True
         try:
-            with h5py.File(directory / name, "r", **UNLOCKED) as file:
+            with opened(directory / name) as file:
                 version = int(file.attrs["version"])
                 if version != VERSION:
                     raise NothingToResumeError(
@@ -325,12 +438,18 @@ def newest_checkpoint(directory: Path) -> Checkpoint:
                         f"{version}, here {VERSION}); go on with that version, or begin anew with "
                         "--overwrite"
                     )
-                state = json.loads(file["state"][()])
-                arrays = {n: file[n][()] for n in file if n != "state"}
-        except (OSError, KeyError, ValueError):  # not there, or not whole
+                text = file["state"][()].decode("utf-8")
+                arrays = {n: values_of(file, n) for n in file if n != "state"}
+                # those of a version before have no digest
+                if file.attrs.get("digest") not in (None, _digest(text, arrays)):
+                    raise damaged(directory / name, "its contents are not those written")
+        except UnreadableResultsError:  # the one before may be whole
             continue
-        return Checkpoint(**state, arrays=arrays)
+        if (checkpoint := _checkpoint(text, arrays)) is not None:
+            return checkpoint
     why = "does not exist" if not directory.is_dir() else "holds no checkpoint"
+    if there:
+        why = "holds no whole checkpoint: what there is, is damaged"
     raise NothingToResumeError(
         f"there is nothing to go on from: {directory} {why}; run the case from its beginning"
     )

@@ -10,14 +10,23 @@ from math import isqrt
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import h5py
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
 from wovenfab.case.schema import Line, Yarn
 from wovenfab.parallel import agree, on_root
-from wovenfab.record.field_file import FIELDS, UNLOCKED, FieldFile, triangles
+from wovenfab.record.field_file import (
+    FIELDS,
+    MESH,
+    FieldFile,
+    file_of,
+    opened,
+    times_after,
+    triangles,
+    values_of,
+)
+from wovenfab.record.reading import damaged
 from wovenfab.record.results import LINES, rows_of, write_csv
 from wovenfab.sheet.lattice import ON_SIDE, Lattice, locate
 
@@ -145,6 +154,10 @@ class FieldSeries:
         fields = {name: values for name, values in gathered.items() if values is not None}
         on_root(self._comm, lambda: self._file.add(step, float(time), fields))
 
+    def finish(self) -> None:
+        """Let the file that joins all times have the last ones, too; collective."""
+        on_root(self._comm, lambda: self._file.finish())
+
     def _problem(
         self, step: int, time: float, fields: Mapping[str, NDArray[np.float64]]
     ) -> ValueError | None:
@@ -187,28 +200,50 @@ class StoredFields:
 
     def points(self) -> NDArray[np.float64]:
         """Return the reference points (m), shape (n, 2); each cell has its own."""
-        return _planar(self._load("mesh/points"))
+        return _planar(self._mesh[0])
 
     def triangles(self) -> NDArray[np.int64]:
         """Return the points of each triangle, shape (m, 3)."""
-        corners: NDArray[np.int64] = self._load("mesh/triangles")
-        return corners
+        return self._mesh[1]
 
     def field(self, name: str, index: int) -> NDArray[np.float64]:
-        """Return a field at ``times[index]`` on the points in SI units, shape (n,) or (n, 2)."""
-        return _planar(self._load(f"steps/{self.steps[index]:06d}/{name}"))
+        """Return a field at ``times[index]`` on the points in SI units, shape (n,) or (n, 2).
+
+        Raises:
+            UnreadableResultsError: Its file is damaged.
+        """
+        path = self._folder / file_of(int(self.steps[index]))
+        with opened(path) as file:
+            values = values_of(file, name)
+        if values.shape not in ((len(self._mesh[0]),), (len(self._mesh[0]), 3)):
+            raise damaged(path, f"{name} has not one value a point of the mesh")
+        return _planar(values)
+
+    @property
+    def _folder(self) -> Path:
+        return self.path.with_suffix("")
+
+    @cached_property
+    def _mesh(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Points, shape (n, 3), and triangles, shape (m, 3)."""
+        path = self._folder / MESH
+        with opened(path) as file:
+            points, corners = (values_of(file, f"mesh/{n}") for n in ("points", "triangles"))
+        if points.ndim != 2 or points.shape[1] != 3 or corners.ndim != 2 or corners.shape[1] != 3:
+            raise damaged(path, "this is no mesh of triangles")
+        if not len(corners) or corners.min() < 0 or corners.max() >= len(points):
+            raise damaged(path, "a triangle has a corner that is not there")
+        return points.astype(np.float64), corners.astype(np.int64)
 
     @cached_property
     def lattice(self) -> Lattice:
         """The lattice that each cell has."""
-        with h5py.File(self.path, "r", **UNLOCKED) as file:
-            points, triangles = (file[f"mesh/{name}"].shape[0] for name in ("points", "triangles"))
+        points, triangles = map(len, self._mesh)
         # a cell has (p+1)(p+2)/2 points and p^2 triangles, a ratio that no two degrees share
-        return next(
-            Lattice(p)
-            for p in range(1, isqrt(triangles) + 1)
-            if 2 * p * p * points == (p + 1) * (p + 2) * triangles
-        )
+        for p in range(1, isqrt(triangles) + 1):
+            if 2 * p * p * points == (p + 1) * (p + 2) * triangles:
+                return Lattice(p)
+        raise damaged(self._folder / MESH, "points and triangles do not make cells")
 
     def corners(self) -> NDArray[np.float64]:
         """Return the corners (m) of the cells, shape (cells, 3, 2)."""
@@ -256,24 +291,33 @@ class StoredFields:
             found |= {f"{name}{part}{unit}": column for part, column in parts.items()}
         return found
 
-    def _load(self, where: str) -> Any:
-        with h5py.File(self.path, "r", **UNLOCKED) as file:
-            return file[where][()]
-
 
 def read_fields(directory: str | Path, name: str = FIELDS) -> StoredFields:
     """Return the series ``name`` of a results directory; data are loaded when asked for.
 
+    Times that a run which goes on, or was killed, has not listed yet are found in the folder.
+
     Raises:
         FileNotFoundError: The run wrote no fields.
+        UnreadableResultsError: A file of theirs is damaged.
     """
     path = Path(directory) / f"{name}.h5"
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist: the run wrote no fields")
-    with h5py.File(path, "r", **UNLOCKED) as file:
-        steps, times = file["numbers"][()], file["times"][()]
-        fields = file[f"steps/{steps[0]:06d}"].items() if len(steps) else ()
-        units = {name: str(data.attrs["unit"]) for name, data in fields}
+    with opened(path) as file:
+        steps, times = values_of(file, "numbers"), values_of(file, "times")
+        if steps.dtype.kind != "i" or steps.ndim != 1 or times.shape != steps.shape:
+            raise damaged(path, "this is no list of times")
+    folder = path.with_suffix("")
+    later = times_after(folder, int(steps[-1]) if len(steps) else -1)
+    steps = np.array([*steps, *(step for step, _ in later)], dtype=np.int64)
+    times = np.array([*times, *(time for _, time in later)], dtype=np.float64)
+    if not (np.diff(steps) > 0).all() or not (np.diff(times) > 0).all() or (steps < 0).any():
+        raise damaged(path, "its times do not increase")
+    units: dict[str, str] = {}
+    if len(steps):
+        with opened(folder / file_of(int(steps[0]))) as file:
+            units = {name: str(data.attrs["unit"]) for name, data in file.items()}
     return StoredFields(path, steps, times, units)
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from wovenfab.case import Case, Component, Rectangle
 from wovenfab.case.boundary import Boundary
 from wovenfab.parallel import on_root, world
+from wovenfab.record.reading import UnreadableResultsError, read_table, text_of
 from wovenfab.record.results import NothingToResumeError, write_whole
 
 if TYPE_CHECKING:
@@ -37,6 +38,12 @@ REACTIONS = "reactions.csv"
 _EDGES = (("left", "right"), ("bottom", "top"))
 #: Columns with the estimated errors of the time steps.
 ERRORS = ("force_error_of_steps_N", "dissipated_error_of_steps_J")
+#: Columns that every row has, and those that every history has.
+KEYS = ("step", "time_s")
+ESSENTIAL = (
+    *(*KEYS, "displacement_m", "force_N", "energy_J", "dissipated_J", "work_J"),
+    *("imbalance_J", "newton_iterations"),
+)
 #: Column with the displacement of a second program.
 SECOND = ("second_displacement_m",)
 
@@ -177,30 +184,13 @@ class History(AbstractContextManager["History"]):
         self.close()
 
     def _open(self, directory: Path) -> None:
-        headers = (HISTORY, self._rows.columns), (REACTIONS, self._rows.reaction_columns)
-        for name, header in headers:
-            kept = self._kept(directory, name, header) if self._until >= 0 else []
-            write_whole(directory / name, "\n".join([",".join(header), *kept, ""]))
+        kept = kept_rows(directory, self._rows, self._until)
+        for name, header in _tables(self._rows):
+            rows = kept.get(name, [])
+            write_whole(directory / name, "\n".join([",".join(header), *rows, ""]))
             self._files.append((directory / name).open("a", encoding="utf-8", newline="\n"))
-
-    def _kept(self, directory: Path, name: str, header: Sequence[str]) -> list[str]:
-        """Return the rows of an earlier file, as they are there."""
-        *text, _ = (directory / name).read_text(encoding="utf-8").split("\n")
-        rows = text[1 : self._until + 2]
-        if other := set(text[0].split(",")) ^ {*header}:
-            raise NothingToResumeError(
-                f"{directory / name} has other columns than this run would ({', '.join(other)}); "
-                "keep output.probes, and whether there is a time.tolerance or a second_program, as "
-                "they were"
-            )
-        if text[:1] != [",".join(header)] or len(rows) <= self._until:
-            raise NothingToResumeError(
-                f"{directory / name} is of another run, or ends before the checkpoint; "
-                "run the case from its beginning"
-            )
-        if name == HISTORY:
-            self._rows.resume(read_history(directory, name))
-        return rows
+        if kept:
+            self._rows.resume(read_history(directory))
 
     def _write(self, rows: tuple[list[float], list[float]]) -> None:
         for file, row in zip(self._files, rows, strict=True):
@@ -208,17 +198,55 @@ class History(AbstractContextManager["History"]):
             file.flush()
 
 
-def read_history(directory: str | Path, name: str = HISTORY) -> dict[str, NDArray[np.float64]]:
-    """Return the columns of a table by name, each of shape (steps,).
+def _tables(rows: HistoryRows) -> tuple[tuple[str, Sequence[str]], ...]:
+    """Return name and header of both files."""
+    return (HISTORY, rows.columns), (REACTIONS, rows.reaction_columns)
+
+
+def kept_rows(directory: Path, rows: HistoryRows, until: int) -> dict[str, list[str]]:
+    """Return the rows of earlier files up to a step, as they are there, by the name of the file.
+
+    There are none if ``until`` is negative.
+
+    Raises:
+        NothingToResumeError: A file is missing or damaged, has other columns, or ends before.
+    """
+    kept: dict[str, list[str]] = {}
+    for name, header in _tables(rows) if until >= 0 else ():
+        try:
+            *text, _ = text_of(directory / name, until + 2).split("\n")
+            read_history(directory, name, until + 1)
+        except (OSError, UnreadableResultsError) as error:
+            raise NothingToResumeError(f"the run cannot go on: {error}") from None
+        if other := set(text[0].split(",")) ^ {*header}:
+            raise NothingToResumeError(
+                f"{directory / name} has other columns than this run would ({', '.join(other)}); "
+                "keep output.probes, and whether there is a time.tolerance or a second_program, as "
+                "they were"
+            )
+        kept[name] = text[1 : until + 2]
+        steps = [row.partition(",")[0] for row in kept[name]]
+        if text[:1] != [",".join(header)] or steps != [str(n) for n in range(until + 1)]:
+            raise NothingToResumeError(
+                f"{directory / name} is of another run, or ends before the checkpoint; "
+                "run the case from its beginning"
+            )
+    return kept
+
+
+def read_history(
+    directory: str | Path, name: str = HISTORY, rows: int | None = None
+) -> dict[str, NDArray[np.float64]]:
+    """Return the columns of a table by name, each of shape (steps,), or of its first rows.
 
     A last row that a killed run left unfinished is dropped.
+
+    Raises:
+        FileNotFoundError: There is none.
+        UnreadableResultsError: It is damaged, or not written by wovenfab.
     """
-    text = (Path(directory) / name).read_text(encoding="utf-8")
-    header, *rows = text[: text.rfind("\n")].split("\n")
-    names = header.split(",")
-    values = np.array([row.split(",") for row in rows], dtype=np.float64)
-    values = values.reshape(len(rows), len(names))
-    return {column: values[:, i] for i, column in enumerate(names)}
+    required = ESSENTIAL if name == HISTORY else KEYS
+    return read_table(Path(directory) / name, required, "time_s", rows)
 
 
 def index_of_peak(forces: Sequence[float] | NDArray[np.float64]) -> int:

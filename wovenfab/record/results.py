@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 
 from wovenfab.mpi import command_of, on_ranks
 from wovenfab.parallel import child_environment, lock, on_root, world
+from wovenfab.plain_text import printable
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -95,7 +96,8 @@ def this_process(ranks: int = 1) -> Provenance:
 def of_summary(summary: Mapping[str, object]) -> Provenance | None:
     """Return the provenance of a run from its summary; None if the summary has none."""
     command = summary.get("command")
-    return Provenance(str(command), str(summary.get("commit") or "")) if command else None
+    commit = summary.get("commit") or ""
+    return Provenance(printable(str(command)), printable(str(commit))) if command else None
 
 
 def _joined(first: str, second: str) -> str:

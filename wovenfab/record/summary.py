@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from wovenfab.parallel import on_root, world
 from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import BiasExtension, index_of_peak, peak_force
+from wovenfab.record.reading import damaged, read_object, text_of
 from wovenfab.record.results import this_process, write_csv, write_whole
 from wovenfab.versions import versions
 
@@ -140,12 +142,35 @@ def write_cycles(
 
 
 def read_cycles(directory: str | Path) -> list[dict[str, str]]:
-    """Return the rows of ``cycles.csv`` as texts; none if there is no file."""
+    """Return the rows of ``cycles.csv`` as texts; none if there is no file.
+
+    Raises:
+        UnreadableResultsError: It is damaged, or not written by wovenfab.
+    """
     path = Path(directory) / CYCLES
     if not path.exists():
         return []
-    with path.open(encoding="utf-8", newline="") as file:
-        return list(csv.DictReader(file))
+    try:
+        header, *rows = list(csv.reader(text_of(path).splitlines())) or [[]]
+    except csv.Error as error:
+        raise damaged(path, f"this is no table of cycles ({error})") from None
+    if not rows or not {"cycle", "complete"} <= {*header} or len({*header}) < len(header):
+        raise damaged(path, "this is no table of cycles")
+    for number, row in enumerate(rows, 2):
+        if len(row) != len(header):
+            raise damaged(path, f"row {number} has {len(row)} values for {len(header)} columns")
+        for name, cell in zip(header, row, strict=True):
+            if name != "complete" and cell and not _is_finite(cell):
+                raise damaged(path, f"{name} in row {number} is no number")
+    return [dict(zip(header, row, strict=True)) for row in rows]
+
+
+def _is_finite(text: str) -> bool:
+    """Return whether a text is a finite number."""
+    try:
+        return isfinite(float(text))
+    except ValueError:
+        return False
 
 
 def summarise(
@@ -224,12 +249,15 @@ def write_summary(
 
 
 def read_summary(directory: str | Path) -> dict[str, Any]:
-    """Return the content of ``summary.json``, empty where a run was killed or is going on."""
+    """Return the content of ``summary.json``, empty where a run was killed or is going on.
+
+    Raises:
+        UnreadableResultsError: It is damaged, or not written by wovenfab.
+    """
     try:
-        content: dict[str, Any] = json.loads((Path(directory) / SUMMARY).read_text("utf-8"))
-    except (FileNotFoundError, json.JSONDecodeError):
+        return read_object(Path(directory) / SUMMARY)
+    except FileNotFoundError:
         return {}
-    return content
 
 
 def _cycle(history: Columns, start: float, end: float, complete: bool, travel: float) -> Cycle:

@@ -15,6 +15,7 @@ from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 from PIL import Image
 
+from wovenfab.plain_text import one_line
 from wovenfab.record.results import Provenance, write_whole
 from wovenfab.report.style import DEGREE, MAKER, Unit, house_style, readable
 
@@ -94,7 +95,7 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
             with house_style():
                 blocks += make()
         except Exception as error:  # a page of a broken run shows what there is
-            reason = " ".join(str(error).split()) or type(error).__name__
+            reason = one_line(str(error)) or type(error).__name__
             blocks.append(Text(f"This part could not be drawn: {reason}"))
     return Section(title, blocks)
 

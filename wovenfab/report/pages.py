@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import DATA, MODE
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.history import index_of_peak
+from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import FINISHED, this_process
 from wovenfab.record.summary import read_cycles
 from wovenfab.report import curves, sheet
@@ -65,7 +67,7 @@ def open_run(directory: str | Path) -> Run:
     """Return a run; fields that cannot be read count as missing. Raises as open_run_data."""
     try:
         stored = stored_of(Path(directory))
-    except OSError:  # an HDF5 file that a killed run left open
+    except (OSError, UnreadableResultsError):  # an HDF5 file that is damaged
         stored = None
     return Run(open_run_data(directory), stored)
 
@@ -111,7 +113,7 @@ def default_place(directories: Sequence[Path]) -> Path:
 
 def labels(directories: Sequence[Path]) -> list[str]:
     """Return the shortest ends of the paths that distinguish the directories."""
-    parts = [d.resolve().parts for d in directories]
+    parts = [tuple(map(one_line, d.resolve().parts)) for d in directories]
     for count in range(1, max(map(len, parts)) + 1):
         names = ["/".join(p[-count:]) for p in parts]
         if len(set(names)) == len(names):

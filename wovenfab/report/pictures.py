@@ -19,8 +19,10 @@ from matplotlib.colors import Colormap, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
+from wovenfab.plain_text import one_line, printable
 from wovenfab.record.field_file import ERROR, FIELDS, MODE
 from wovenfab.record.fields import StoredFields
+from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import window
 from wovenfab.report import sheet
@@ -59,12 +61,13 @@ class ReportError(Exception):
 
     Attributes:
         drawn: The pictures that could.
+        damaged: Whether a file of the results is damaged.
     """
 
-    def __init__(self, message: str, drawn: list[Path]) -> None:
+    def __init__(self, message: str, drawn: list[Path], damaged: bool = False) -> None:
         """Keep what was drawn beside the message."""
         super().__init__(message)
-        self.drawn = drawn
+        self.drawn, self.damaged = drawn, damaged
 
 
 def draw_loop(folder: Path) -> list[Path]:
@@ -141,16 +144,19 @@ def draw(
     """
     folder = Path(directory)
     drawn: list[Path] = []
-    problems: list[str] = []
+    problems: dict[str, list[str]] = {}
+    damaged = False
     for name in names:
         try:
             with house_style():
                 drawn += makers[name](folder)
         except Exception as error:  # one picture must not cost the others
-            reason = " ".join(str(error).split()) or type(error).__name__
-            problems.append(f"no {name}: {reason}")
+            reason = one_line(str(error)) or type(error).__name__
+            problems.setdefault(reason, []).append(f"no {name}")
+            damaged = damaged or isinstance(error, UnreadableResultsError)
     if problems:
-        raise ReportError("; ".join(problems), drawn)
+        said = (f"{', '.join(lost)}: {reason}" for reason, lost in problems.items())
+        raise ReportError("; ".join(said), drawn, damaged)
     return drawn
 
 
@@ -161,7 +167,7 @@ def main(directory: str) -> int:
     except ReportError as error:
         drawn, problem = error.drawn, str(error)
     for picture in drawn:
-        print(picture)
+        print(printable(str(picture)))
     print(problem, end="", file=sys.stderr)
     return 1 if problem else 0
 

@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from math import cos, sin
+from math import cos, isfinite, sin
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, NotRequired, TypedDict
 
 import numpy as np
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
+from pydantic import Field, TypeAdapter, ValidationError
 
 from wovenfab.case import units
+from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
+from wovenfab.record.reading import damaged, read_yaml
 from wovenfab.record.results import Provenance, of_summary, this_process
-from wovenfab.record.summary import Cycle, cycles, read_summary
+from wovenfab.record.summary import SUMMARY, Cycle, cycles, read_summary
 from wovenfab.report.style import millimetres
+
+#: Name of the file of the case.
+CASE = "case.yaml"
 
 
 @dataclass(frozen=True)
@@ -65,19 +71,84 @@ def open_run_data(directory: str | Path) -> RunData:
 
     Raises:
         FileNotFoundError: The directory has no history.
-        ValueError: The history has no row, or the case has a fibre that is no angle.
+        ValueError: The history has no row, or a file is damaged.
     """
     folder = Path(directory)
     history = read_history(folder)
-    if not len(history.get("step", ())):
+    if not len(history["step"]):
         raise ValueError(f"{folder} has a history without a single step: nothing to draw")
-    case, summary = case_of(folder), read_summary(folder)
-    angles = (case.get("sheet") or {}).get("fibres")
-    fibres = None if angles is None else np.array([_direction(angle) for angle in angles])
+    case, summary = case_of(folder), _checked(read_summary(folder), folder / SUMMARY)
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
     travel = summary.get("grip_travel_per_program", 1.0)
-    title = str(case.get("title") or folder.resolve().name)
+    title = one_line(str(case.get("title") or folder.resolve().name))
+    fibres = _fibres(case, folder / CASE)
     return RunData(folder, title, fibres, history, cycles(history, spans, travel), summary)
+
+
+class _Cycle(TypedDict):
+    start_s: Annotated[float, Field(ge=0)]
+    end_s: float
+
+
+class _Iterations(TypedDict):
+    total: int
+    worst: int | None
+
+
+class _Loss(TypedDict):
+    displacement_m: float
+    force_N: float
+
+
+class _Summary(TypedDict):
+    """What pictures and pages take from a summary."""
+
+    outcome: str
+    unknowns: int
+    steps: int
+    cut_backs: int
+    ranks: int
+    newton_iterations: _Iterations
+    wall_time_s: dict[str, float]
+    versions: dict[str, str]
+    cycles: list[_Cycle]
+    losses_of_stability: NotRequired[list[_Loss]]
+    saddles: NotRequired[int]
+    grip_travel_per_program: NotRequired[Annotated[float, Field(gt=0)]]
+    command: NotRequired[str | None]
+    commit: NotRequired[str | None]
+
+
+_SUMMARIES = TypeAdapter(_Summary)
+
+
+def _checked(summary: dict[str, Any], path: Path) -> dict[str, Any]:
+    """Return a summary that has what is taken from it, or is empty.
+
+    Raises:
+        UnreadableResultsError: It lacks something.
+    """
+    if summary:
+        try:
+            _SUMMARIES.validate_python(summary, strict=True)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(map(str, first["loc"]))
+            raise damaged(path, f"{key}: {first['msg']}") from None
+    return summary
+
+
+def _fibres(case: Mapping[str, Any], path: Path) -> NDArray[np.float64] | None:
+    """Return the directions of both families, shape (2, 2), if the case has them."""
+    sheet = case.get("sheet")
+    angles = sheet.get("fibres") if isinstance(sheet, Mapping) else None
+    if angles is None:
+        return None
+    try:
+        first, second = angles
+        return np.array([_direction(first), _direction(second)])
+    except (ValueError, TypeError) as error:
+        raise damaged(path, f"sheet.fibres are no two angles ({error})") from None
 
 
 def stored_of(directory: Path, name: str = FIELDS) -> StoredFields | None:
@@ -87,9 +158,15 @@ def stored_of(directory: Path, name: str = FIELDS) -> StoredFields | None:
 
 
 def case_of(directory: str | Path) -> dict[str, Any]:
-    """Return ``case.yaml`` as it is written; empty if there is none."""
-    path = Path(directory) / "case.yaml"
-    return dict(YAML(typ="safe").load(path) or {}) if path.exists() else {}
+    """Return ``case.yaml`` as it is written; empty if there is none. Nothing is executed.
+
+    Raises:
+        UnreadableResultsError: It is no YAML, or has no keys.
+    """
+    try:
+        return read_yaml(Path(directory) / CASE)
+    except FileNotFoundError:
+        return {}
 
 
 def origin_of(directory: str | Path) -> Provenance:
@@ -137,5 +214,7 @@ def times_between(stored: StoredFields, start: float, end: float) -> NDArray[np.
 
 def _direction(angle: float | str) -> tuple[float, float]:
     """Return the unit vector at an angle: a number in rad, or a text with its unit."""
-    rad = units.parse(angle, "rad") if isinstance(angle, str) else angle
+    rad = units.parse(angle, "rad") if isinstance(angle, str) else float(angle)
+    if not isfinite(rad):
+        raise ValueError(f"{angle} is no angle")
     return cos(rad), sin(rad)

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection, TriMesh
 from matplotlib.colors import Colormap, LogNorm, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, NullFormatter
 from matplotlib.tri import Triangulation
 
 from wovenfab.record.fields import StoredFields
@@ -146,7 +147,9 @@ def error(source: RunData, stored: StoredFields) -> Figure:
         linewidth=0.2,
     )
     label = "share of each cell in the energy of the error"
-    figure.colorbar(painted, label=label, shrink=0.7, aspect=36, location="bottom")
+    bar = figure.colorbar(painted, label=label, shrink=0.7, aspect=36, location="bottom")
+    bar.ax.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    bar.ax.xaxis.set_minor_formatter(NullFormatter())
     cells = f"half of it in {half} of {len(share)} cells"
     label_sheet(axes, source.title, f"error of the elements at the largest force: {cells}")
     return figure
@@ -268,6 +271,7 @@ def _draw_fibres(axes: Axes, fibres: Values, points: Values) -> None:
         axes.annotate(
             f"$D_{number}$",
             tip,
+            parse_math=True,
             xytext=tuple(6 * direction),
             textcoords="offset points",
             color=shade,

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, LogFormatter, NullFormatter
 
 from wovenfab.report.style import (
     APART,
@@ -110,6 +110,7 @@ def _draw(study: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
             title = QUANTITIES[quantity][0].replace(" per cycle", "\nper cycle")
             row[0].set_ylabel(f"error of {title}")
             row[0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+            row[0].yaxis.set_minor_formatter(_FewPercents())
         for axes, cost in zip(grid[-1], costs, strict=True):
             axes.set_xlabel(cost)
             _ticks(axes, [_COSTS[cost](r) for r in runs])
@@ -120,6 +121,13 @@ def _draw(study: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
         labels.append("at most: the best answer is no better known")
         figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=7.5)
         return save(figure, path)
+
+
+class _FewPercents(LogFormatter):
+    """Labels between powers of ten where these are few."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{100 * x:g} %" if super().__call__(x, pos) else ""
 
 
 def _curves(

@@ -70,6 +70,7 @@ _SETTINGS = {
     "lines.solid_capstyle": "round",
     "lines.solid_joinstyle": "round",
     "text.color": INK,
+    "text.parse_math": False,  # texts are those of users, in which a dollar is a dollar
     "xtick.color": INK,
     "ytick.color": INK,
     "xtick.direction": "out",

@@ -236,6 +236,7 @@ def write_yarns(source: RunData, stored: StoredFields) -> list[Path]:
         fields = {name: on_yarns(name, index) for name in scalars}
         points = rest + on_yarns("displacement", index)
         file.add(int(step), float(time), {"points": points, **numbers, **fields})
+    file.finish()
     return [source.directory / f"{SERIES}.{kind}" for kind in ("xdmf", "h5")]
 
 

@@ -7,6 +7,7 @@ that neither the partition nor doubled nodes need numbers of their own.
 from __future__ import annotations
 
 import json
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -19,11 +20,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError
+from wovenfab.case.document import FILE
+from wovenfab.case.errors import in_brief
 from wovenfab.compat import corners_of
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
-from wovenfab.parallel import from_root, on_root
-from wovenfab.record.field_file import Checkpoint, newest_checkpoint, write_checkpoint
+from wovenfab.parallel import agree, by_first, from_root, on_root
+from wovenfab.record.field_file import PROGRAM, Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
 from wovenfab.record.fingerprint import EFFECT, STATE, contents_of
 from wovenfab.record.results import NothingToResumeError
@@ -34,12 +37,10 @@ from wovenfab.stepping.step import Step
 if TYPE_CHECKING:
     from wovenfab.simulation.simulation import Simulation
 
+logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 #: Keys that stand for arrays in the tree of plain values.
 ARRAY, POINTS = "array", "points"
-#: Array of the program so far: times (s), values (m or N), whether they are forces, and values of
-#: the second program (m); shape (4, n).
-PROGRAM = "program"
 #: Array of the mesh: corners of each cell (m), then tags of the edges opposite to them; shape
 #: (cells, 9). And key of the tags by edge.
 MESH, EDGES = "mesh", "edges"
@@ -111,10 +112,20 @@ class SnapshotFormat:
         return rows
 
     def _rows(self, name: str, arrays: Mapping[str, Array]) -> Array:
-        """Return the rows of this rank's cells, ghosts included; collective."""
-        everything = arrays[name] if self._comm.rank == 0 else None
-        shape = self._comm.bcast(None if everything is None else everything.shape)
-        received = np.empty(shape) if everything is None else np.ascontiguousarray(everything)
+        """Return the rows of this rank's cells, ghosts included; collective.
+
+        Raises:
+            ValueError: There are no such rows, or of another number of cells; on every rank.
+        """
+
+        def shape_of() -> tuple[int, ...]:
+            if name not in arrays or len(arrays[name]) != self._blocks.total:
+                raise ValueError(f"{name} has not one row a cell")
+            return arrays[name].shape
+
+        shape = by_first(self._comm, shape_of)
+        is_first = self._comm.rank == 0
+        received = np.array(arrays[name], dtype=np.float64) if is_first else np.empty(shape)
         self._comm.Bcast([received, MPI.DOUBLE])
         return np.asarray(received[self._cells])
 
@@ -199,6 +210,25 @@ def load_checkpoint(directory: Path, comm: MPI.Comm) -> Checkpoint:
     return newest or plain
 
 
+def go_on(simulation: Simulation, checkpoint: Checkpoint, directory: Path) -> None:
+    """Let a simulation go on from a checkpoint; collective.
+
+    Raises:
+        NothingToResumeError: The checkpoint is not of such a simulation; on every rank.
+    """
+    problem: Exception | None = None
+    try:
+        simulation.resume(checkpoint)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        logger.debug("the checkpoint does not fit", exc_info=True)
+        problem = NothingToResumeError(
+            f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
+            "another run; run the case from its beginning, into another directory or with "
+            "--overwrite"
+        )
+    agree(simulation.comm, problem)
+
+
 def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     """Return a case that goes on from a checkpoint: with an accuracy, what was chosen for it.
 
@@ -207,7 +237,7 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     """
     if case.accuracy is not None:
         case = _with_choices(case, checkpoint, directory)
-    before, now = checkpoint.values["case"], fixed_part(case)
+    before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
     differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
     if not differing and not _has_made(case, checkpoint):
         differing = [f"program before t = {checkpoint.time:.6g} s"]
@@ -335,6 +365,15 @@ def fixed_part(case: Case) -> dict[str, Any]:
         if name.startswith(EFFECT) or name == STATE
     }
     return {**dump, "sheet": sheet, **contents}
+
+
+def _without_places(part: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a fixed part without the places of files of effects, whose contents it has."""
+    effects = {
+        name: {k: v for k, v in values.items() if k != FILE}
+        for name, values in part["effects"].items()
+    }
+    return {**part, "effects": effects}
 
 
 def chosen_part(case: Case) -> dict[str, Any]:

@@ -14,14 +14,21 @@ from numpy.typing import NDArray
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.fields import FieldProbe, Probes
 from wovenfab.model.model import Model, preserved
-from wovenfab.parallel import on_root
-from wovenfab.record.field_file import FIELDS, MODE, Checkpoint
+from wovenfab.parallel import by_first, on_root
+from wovenfab.record.field_file import FIELDS, MODE, Checkpoint, kept_times
 from wovenfab.record.fields import FieldSeries, write_lines
-from wovenfab.record.history import History, HistoryRows, bias_extension_of, read_history
-from wovenfab.record.results import this_process, write_whole
+from wovenfab.record.history import (
+    HISTORY,
+    History,
+    HistoryRows,
+    bias_extension_of,
+    kept_rows,
+    read_history,
+)
+from wovenfab.record.results import NothingToResumeError, this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
 from wovenfab.sheet.lattice import Lattice
-from wovenfab.simulation.checkpoint import Checkpoints
+from wovenfab.simulation.checkpoint import SAME, Checkpoints, go_on
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
 from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
@@ -39,6 +46,7 @@ def run(
     until: float = inf,
     interruption: Interruption | None = None,
     errors: Mapping[str, Any] | None = None,
+    accepted: Callable[[], None] = lambda: None,
 ) -> tuple[Outcome, Columns, dict[str, Any]]:
     """Run a simulation; collective.
 
@@ -54,9 +62,14 @@ def run(
         until: Time (s) at or after which the run pauses.
         interruption: Notes signals; None to leave them alone.
         errors: Estimated errors, plain values that checkpoints keep; None without.
+        accepted: Called on rank 0 when the run is refused no more, before it changes any file.
 
     Returns:
         How it ended, the columns of the history, and the summary.
+
+    Raises:
+        NothingToResumeError: The files there, or the checkpoint, are damaged or of another run;
+            they are left as they are.
     """
     model, program, comm = simulation.model, simulation.program, simulation.comm
     before = checkpoint.values["run"] if checkpoint else {"parts": [], "outcome": {}, "losses": []}
@@ -90,6 +103,10 @@ def run(
         now = {"first_step": max(first, 0), "ranks": comm.size, "command": origin.command}
         return [*before["parts"], now | {"commit": origin.commit, "wall_time_s": {**watch.seconds}}]
 
+    if checkpoint is not None and directory is not None:
+        on_root(comm, lambda: _require_earlier(directory, rows, checkpoint))
+        go_on(simulation, checkpoint, directory)
+    on_root(comm, accepted)
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
         if directory is not None:
@@ -125,8 +142,6 @@ def run(
                 *(modes, lambda step: history.append(step, probed())),
                 *(write_fields, write_checkpoint),
             ]
-        if checkpoint is not None:
-            simulation.resume(checkpoint)
         progress(Progress("stepping", unknowns=model.unknowns))
         end = program.milestones[-1].time
         outcome = simulation.run(
@@ -138,6 +153,9 @@ def run(
         )
         if isinstance(outcome.failure, StabilityLostError):
             modes.add(outcome.failure.loss)
+        if directory is not None:
+            for writer in (fields, modes):
+                writer.finish()
         if checkpoints is not None and simulation.stepper.begun:
             with watch.phase("checkpoints"):
                 checkpoints.write()
@@ -146,7 +164,7 @@ def run(
             zip(rows.columns, np.array(values).reshape(-1, len(rows.columns)).T, strict=True)
         )
     else:
-        columns = comm.bcast(read_history(directory) if comm.rank == 0 else None)
+        columns = by_first(comm, lambda: read_history(directory))
     travel = _travel(simulation.solver.problem.constraints, columns["displacement_m"])
     all_parts = parts()
     summary = summarise(
@@ -179,6 +197,23 @@ def _travel(constraints: Constraints, displacements: NDArray[np.float64]) -> flo
     farthest = displacements[np.abs(displacements - first).argmax()] if len(displacements) else 0.0
     way = abs(farthest - first)
     return constraints.travel(farthest, first) / way or 1.0 if way else 1.0
+
+
+def _require_earlier(directory: Path, rows: HistoryRows, checkpoint: Checkpoint) -> None:
+    """Require that the files of a run can be gone on with; on one rank.
+
+    Raises:
+        NothingToResumeError: One of them is damaged, or of another run.
+    """
+    kept_rows(directory, rows, checkpoint.step)
+    reached = read_history(directory, rows=checkpoint.step + 1)["time_s"][-1]
+    if abs(reached - checkpoint.time) > SAME * checkpoint.time:
+        raise NothingToResumeError(
+            f"{directory / HISTORY} is of another run than the checkpoint, which is of "
+            f"{checkpoint.time:.6g} s; run the case from its beginning"
+        )
+    kept_times(directory / FIELDS, checkpoint.step)
+    kept_times(directory / MODE, len(checkpoint.values["run"]["losses"]) - 1)
 
 
 def total(parts: Iterable[Mapping[str, float]]) -> dict[str, float]:
@@ -242,6 +277,11 @@ class FieldWriter:
         }
         series.write(step.number, step.time, data)
 
+    def finish(self) -> None:
+        """Bring the file that joins all times up to date; collective."""
+        if self._files is not None:
+            self._files[1].finish()
+
 
 class ModeWriter:
     """Writes ``mode.h5`` and ``mode.xdmf``: at each loss the displacement and the mode.
@@ -293,6 +333,11 @@ class ModeWriter:
                 "negative_eigenvalues": loss.negatives,
             }
         )
+
+    def finish(self) -> None:
+        """Bring the file that joins all losses up to date; collective."""
+        if self._files is not None:
+            self._files[1].finish()
 
     def _evaluated(
         self, probe: FieldProbe, values: NDArray[np.float64]

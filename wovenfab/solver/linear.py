@@ -283,6 +283,7 @@ class LinearSolver:
         """Free the PETSc objects; collective."""
         if self._gradients:
             self._gradients.destroy()
+        self._pc.destroy()  # a reference of its own, which would keep matrix and factor
         self._direct.destroy()
 
     def _count_of(self, number: int) -> int:

@@ -155,9 +155,16 @@ class NewtonSolver:
         }
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from a snapshot; collective."""
+        """Go on from a snapshot; collective.
+
+        The kept factor is formed again where this run has what its tangent was formed from:
+        another time scheme has other states in its rate, and its run factorises anew.
+        """
+        linear = snapshot["linear"]
+        if linear["source"] is not None and not self._has_parts_of(linear["source"]):
+            linear = {**linear, "source": None}
         with preserved(*self._tangent_fields, *self._tangent_weights):
-            self.linear.resume(snapshot["linear"], self._form_again)
+            self.linear.resume(linear, self._form_again)
         self.spectrum.resume(snapshot["spectrum"])
         self._reuse.resume(snapshot["reuse"])
         self._convergence.resume(snapshot["convergence"])
@@ -207,6 +214,11 @@ class NewtonSolver:
             "variables": memory.snapshot() if (memory := self.problem.model.memory) else {},
         }
         self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
+
+    def _has_parts_of(self, source: Mapping[str, Any]) -> bool:
+        """Return whether the tangent depends on as many fields and constants as another did."""
+        counts = len(source["fields"]), len(source["weights"])
+        return counts == (len(self._tangent_fields), len(self._tangent_weights))
 
     def _form_again(self, source: Mapping[str, Any]) -> None:
         """Form the tangent from what another one was formed from."""

@@ -20,6 +20,7 @@ from petsc4py import PETSc
 
 from forms.effect import Target
 from wovenfab.case import Case, CaseError
+from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
@@ -114,8 +115,13 @@ class _Event:
 def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
     """Let kernels be compiled anew inside, in a folder that all ranks share."""
     before = os.environ.get("XDG_CACHE_HOME")
-    folder = tempfile.TemporaryDirectory() if comm.rank == 0 else None
-    os.environ["XDG_CACHE_HOME"] = comm.bcast(folder.name if folder else None)
+    folders: list[tempfile.TemporaryDirectory[str]] = []
+
+    def make() -> str:
+        folders.append(tempfile.TemporaryDirectory())
+        return folders[0].name
+
+    os.environ["XDG_CACHE_HOME"] = by_first(comm, make)
     try:
         yield
     finally:
@@ -124,7 +130,7 @@ def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
         else:
             os.environ["XDG_CACHE_HOME"] = before
         comm.barrier()
-        if folder:
+        for folder in folders:
             folder.cleanup()
 
 

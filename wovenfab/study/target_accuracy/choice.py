@@ -27,7 +27,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
-from wovenfab.parallel import on_root
+from wovenfab.parallel import by_first, on_root
 from wovenfab.record.fingerprint import code, contents_of, digest
 from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
@@ -84,8 +84,8 @@ def choose(
         return sheets[cells]
 
     path = Path(text) if (text := os.environ.get(CHOICES)) else None
-    start = known_start(case, path) if path and together.rank == 0 else Start()
-    chosen = plan(case, together, progress, start=together.bcast(start), mesher=mesher)
+    start = by_first(together, lambda: known_start(case, path) if path else Start())
+    chosen = plan(case, together, progress, start=start, mesher=mesher)
     unknown = chosen.estimate is not None and not _is_known(chosen.estimate)
     if unknown and not chosen.shortfall:
         chosen = replace(chosen, shortfall=UNKNOWN)
