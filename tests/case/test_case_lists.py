@@ -138,6 +138,12 @@ def test_a_decimal_comma_is_no_list_nor_is_half_a_list(text: str) -> None:
         read_case(BIAS).changed({"program.amplitudes": text})
 
 
+def test_a_text_that_lacks_its_quotes_within_braces_is_told() -> None:
+    program = "{type: cycles, amplitudes: 20, 40 mm, frequency: 1 Hz}"
+    with pytest.raises(CaseError, match=r"40 mm: unknown key\. Within { } a text .* quotes"):
+        read_case(BIAS, [f"program={program}"])
+
+
 def test_sections_in_python_have_the_same_rule() -> None:
     with pytest.raises(CaseError, match=re.escape("[0.4 mm, 150 mm] or [0.4 m, 150 mm]")):
         Zone(type="zone", centre=(0.4, "150 mm"), radius=0.1)

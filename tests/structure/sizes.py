@@ -47,8 +47,6 @@ def sizes_of_files() -> list[Size]:
     docs = [p.stat().st_size for p in (ROOT / "docs").rglob("*") if p.suffix in PICTURES]
     return [
         Size("lines installed (forms, wovenfab)", sum(installed), 19500),
-        Size("files installed", len(installed), 115),
-        Size("lines of the longest file installed", max(installed), 400),
         Size("lines of tests", tests, 11500),
         Size("bytes of pictures in docs", sum(docs), 3_000_000),
     ]

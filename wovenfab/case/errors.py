@@ -194,6 +194,8 @@ def _words(item: Mapping[str, Any], path: KeyPath, keys: Mapping[str, Any]) -> t
         case "missing":
             return "missing", _for_example(str(path[-1]), keys)
         case "extra_forbidden":
+            if given is None and str(path[-1])[:1].isdecimal():
+                return "unknown key", "Within { } a text with commas is in quotes: '20, 40 mm'."
             noun = "effect" if path[:-1] == ("effects",) else "key"
             meant = near_miss(path[-1], keys)
             known = f"The {noun}s are {', '.join(keys)}."

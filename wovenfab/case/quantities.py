@@ -333,7 +333,8 @@ class Several:
         if unit == "1":
             return many
         example = units.KINDS.get(unit, ("", f"1 {unit}"))[1]
-        return {"anyOf": [many, {"type": "string", "description": f"'0, {example}'"}]}
+        text = f"one text for both such as '0, {example}'"
+        return {"anyOf": [many, {"type": "string", "description": text}]}
 
 
 @dataclass(frozen=True)
