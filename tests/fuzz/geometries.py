@@ -1,8 +1,8 @@
 """``python3 -m tests.fuzz.geometries [COUNT]``: mutated geometry files, checked by the command.
 
-Geometries (.geo), meshes in all forms (.msh) and .step files get one to four mutations. Each must be
-accepted or refused with a message, as in :mod:`tests.fuzz.__main__`. A geometry is a program that
-may write what it likes: those here have no statements that do.
+Geometries (.geo), meshes in all forms (.msh) and .step files get one to four mutations. Each must
+be accepted or refused with a message, as in :mod:`tests.fuzz.__main__`. A geometry is a program
+that may write what it likes: those here have no statements that do.
 """
 
 from __future__ import annotations

@@ -130,5 +130,5 @@ def flattest_cell(mesh: Mesh) -> FlatCell:
     if len(corners):
         i = int((heights / longest).argmin())
         found.append(FlatCell(corners[i].mean(axis=0), float(heights[i]), float(longest[i])))
-    cells = [cell for part in mesh.comm.allgather(found) for cell in part]
+    cells: list[FlatCell] = [cell for part in mesh.comm.allgather(found) for cell in part]
     return min(cells, key=lambda cell: cell.height / cell.length)
