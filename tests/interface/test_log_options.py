@@ -88,7 +88,7 @@ def test_a_log_replaces_nothing_but_a_log(log: str, content: str | None, tmp_pat
         (tmp_path / log).write_text(content)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     ended = wovenfab("run", "case.yaml", "-o", "run", "--log", log, cwd=tmp_path)
-    assert ended.returncode == 2 and ended.stderr.startswith("--log: ")
+    assert ended.returncode == 2 and "--log: " in ended.stderr
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
