@@ -183,6 +183,13 @@ REFUSED: dict[str, tuple[str, dict[str, Any], tuple[str, ...]]] = {
     "decimal commas between commas": (
         "Weg [mm],Kraft [N]\n" + rows(form="{:.4f},{:.4f}"), {}, ("4 numbers stand below 2 names",),
     ),
+    "a column without a name": (
+        HEAD + rows(form="7;{:.4f};{:.4f}"), {}, (":2:", "3 numbers stand below 2 names"),
+    ),
+    "names that blanks tear": (
+        "Kraft bei 20 Grad Weg des Kopfes\n" + rows(form="{:.4f} {:.4f}", comma=False),
+        {"units": {"displacement": "mm", "force": "N"}}, ("no column is known",),
+    ),
     "thousands between blanks": (
         "Weg_um Kraft_N\n350,00 1,5\n1 580,00 2,5\n2 718,00 3,5\n", {}, ("blanks separate",),
     ),

@@ -41,6 +41,8 @@ def test_points_on_the_drawn_line_have_no_distance_in_any_wording(
     assert report_results([small], None, lab=path, layout=layout) == 0
     assert ": 0.00 % of the largest force" in capsys.readouterr().out
     assert (small / "lab.png").stat().st_size > 10_000
+    assert report_results([small], None, layout=layout) == 2
+    assert "--lab" in capsys.readouterr().err
 
 
 def test_the_command_shows_what_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

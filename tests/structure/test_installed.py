@@ -35,6 +35,7 @@ USES = {
     "sweep": ["case.yaml", "--over", "program.to=10 mm,20 mm", "--set", "output.pictures=false"],
     "effects": ["case.yaml", "--set", "output.pictures=false"],
     "sensitivities": ["case.yaml", "--by", "shear.stiffness"],
+    "measured": ["curve.csv"],
     "fit": ["fit.yaml"],
     "accuracy": ["case.yaml", "--minutes", "0.01"],
 }

@@ -31,6 +31,11 @@ def report_results(
     console = Console()
     if _lacks_results(console, directories):
         return BAD_INPUT
+    if lab is None and layout != EMPTY:
+        console.problem(
+            "--columns, --units, --rows and --decimal are of the file of --lab: name it"
+        )
+        return BAD_INPUT
     if animation and len(directories) > 1:
         console.problem("--animation shows one run: name one directory")
         return BAD_INPUT
@@ -151,6 +156,9 @@ def export_results(
 
     console = Console()
     if _lacks_results(console, [directory]):
+        return BAD_INPUT
+    if cloud is None and layout != EMPTY:
+        console.problem("--columns, --units, --rows and --decimal are of the file of --compare")
         return BAD_INPUT
     try:
         source, stored = open_run_data(directory), stored_of(directory)

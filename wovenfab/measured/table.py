@@ -247,10 +247,7 @@ def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
             blocks[-1].rows.append(row)
         elif open_block and any(_same(row, head) for head in blocks[-1].head):
             continue  # a header that is repeated
-        elif found and blocks and _is_word(filled[0]) and len(filled) > 1:
-            text.append(row)  # a label with a number, such as a mean
-            open_block = False
-        else:
+        else:  # also a label with a number, such as a mean
             text.append(row)
             open_block = False
     return blocks, text
@@ -327,6 +324,15 @@ def _numeric(block: _Block) -> int:
     return counts.most_common(1)[0][0]
 
 
+def _last_number(block: _Block) -> int:
+    """Return the usual number, from 1, of the last column with a number."""
+    last = (
+        max((i for i, c in enumerate(row.cells, 1) if is_number(c)), default=0)
+        for row in block.rows[:SAMPLE]
+    )
+    return Counter(last).most_common(1)[0][0]
+
+
 def _units_alone(row: Row) -> bool:
     cells = [cell for cell in row.cells if cell and not is_missing(cell)]
     return bool(cells) and all(is_unit(cell) for cell in cells)
@@ -339,18 +345,20 @@ def _titles(
     numbers = {str(q) for q, c in layout.columns.items() if isinstance(c, int)}
     found = [] if row is None else list(row.cells)
     if row is not None and separator == BLANKS and len(found) != width:
-        found = _joined(row.cells, width)
+        found = _joined(row.cells, width) or ["?"] * width  # whose they are cannot be told
     while found and not found[-1]:
         found.pop()
-    split = separator in (COMMA, BLANKS) and len(found) > 1 and len(found) < width
-    if split and {"displacement", "force"} - numbers:
-        what = "commas separate columns and decimals, or" if separator == COMMA else "blanks"
-        raise refusal(
-            str(path),
-            f"{width} numbers stand below {len(found)} names: {what} separate thousands, too",
-            "Save the table with semicolons or tabs between the columns.",
-            block.rows[0].line,
-        )
+    filled = _last_number(block)
+    if 1 < len(found) < filled and len(numbers) < 2:
+        remedy = "Give the numbers of the columns, or a name to each."
+        if separator in (COMMA, BLANKS):
+            what = "decimals or thousands" if separator == COMMA else "thousands"
+            remedy = (
+                f"If {SEPARATORS[separator]} are in the numbers, too, for {what}, save the table "
+                "with semicolons or tabs between the columns. Else give the numbers of the columns."
+            )
+        message = f"{filled} numbers stand below {len(found)} names"
+        raise refusal(str(path), message, remedy, block.rows[0].line)
     full = (r for r in block.rows[:-1] if separator == BLANKS and all(map(is_number, r.cells)))
     if len(widths := {len(r.cells) for r in full}) > 1:
         low, high = min(widths), max(widths)
