@@ -75,7 +75,7 @@ def draw(page: str, path: Path) -> Path:
         axes.set_xticks([0.5, 1, 2, 5, 10, 20], ["0.5", "1", "2", "5", "10", "20"])
         axes.set_xticks([], minor=True)
         figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
-        return save(figure, path)
+        return save(figure, path, dpi=160)
 
 
 if __name__ == "__main__":
