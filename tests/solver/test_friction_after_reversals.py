@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from itertools import takewhile
 from typing import Any
 
@@ -9,10 +10,15 @@ from mpi4py import MPI
 
 from benchmarks.hard.families.sharp_friction import ELASTIC, SOUND, WAYS, path
 from benchmarks.hard.measurement import Measurement
+from tests import scenes
 from wovenfab.case import Case
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.stepping.program import cycle, program_of
+from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.step import Step
+from wovenfab.stepping.time_stepper import TimeStepper
 
 #: A bias extension and back of a weave of which one family hardly resists bending.
 UNBALANCED: dict[str, Any] = {
@@ -50,3 +56,28 @@ def test_steps_after_a_reversal_are_not_cut_where_one_family_hardly_bends() -> N
     assert max(step.displacement for step in steps) > steps[-1].displacement + 0.005
     assert not sum(step.cutbacks for step in steps)
     assert len(steps) == 14
+
+
+def test_a_run_that_goes_on_has_the_stresses_that_were_there_last() -> None:
+    """Also where the smooth law was back when it was stopped: the same iterations follow."""
+    values = {**scenes.TABLE_1, "slip_friction": {"strength": 199.2e3, "slope": 1e7}}
+    program = program_of(cycle(0.0, 0.04, 0.25, 12))
+
+    def stepper() -> tuple[EquilibriumSolver, TimeStepper]:
+        names = (*scenes.COUPLED, "slip_friction")
+        solver = scenes.solver(scenes.model(scenes.sheet(), names, scenes.PROTOTYPE, values))
+        return solver, TimeStepper(solver, program, SCHEMES["backward-euler"], 1 / 64)
+
+    solver, whole = stepper()
+    snapshots, steps = [], []
+    for step in whole.steps():
+        steps.append((step.number, step.iterations))
+        snapshots.append(deepcopy(whole.snapshot()))
+    solver.destroy()
+    of_solver = [snapshot["solver"] for snapshot in snapshots]
+    smooth = [n for n, s in enumerate(of_solver) if s["sharp_stress"] and not s["sharp"]]
+    assert smooth
+    again, rest = stepper()
+    rest.resume(snapshots[smooth[0]])
+    assert [(s.number, s.iterations) for s in rest.steps()] == steps[smooth[0] + 1 :]
+    again.destroy()
