@@ -131,7 +131,14 @@ class TimeStepper:
         from wovenfab.stepping.sensitivity import TangentLinear
 
         virtual = self._problem.constraints.virtual_displacement(edge, direction)
+        self.destroy()
         self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, virtual, **more)
+
+    def destroy(self) -> None:
+        """Free the vectors of the derivatives, which end with it; collective."""
+        if self._tangent_linear is not None:
+            self._tangent_linear.destroy()
+            self._tangent_linear = None
 
     def control_force(self, edge: str, direction: tuple[float, float]) -> None:
         """Find the displacement from the force of an edge where the program is a force; collective.
