@@ -272,6 +272,8 @@ class Target:
             have the same one.
         coefficient: Number of a coefficient in the formula of the value, from 1; 0 for the value.
         along: How the value changes with it, a function of the position; None for by one.
+        relative: Whether it is the logarithm of a factor of the values, which keeps their ratio and
+            the shape of a formula.
     """
 
     effect: str
@@ -279,12 +281,17 @@ class Target:
     families: tuple[int, ...] = (0, 1)
     coefficient: int = 0
     along: Callable[[Any], Any] | None = field(default=None, compare=False)
+    relative: bool = False
 
     def __str__(self) -> str:
-        """Return ``effect.parameter``, the family if it is one of two, and the coefficient."""
+        """Return ``effect.parameter``, the family if it is one of two, and the coefficient.
+
+        A common factor is ``ln(effect.parameter)``.
+        """
         family = "" if len(self.families) == 2 else f"[{self.families[0] + 1}]"
         coefficient = f"#{self.coefficient}" if self.coefficient else ""
-        return f"{self.effect}.{self.parameter}{family}{coefficient}"
+        name = f"{self.effect}.{self.parameter}{family}{coefficient}"
+        return f"ln({name})" if self.relative else name
 
 
 def by_parameter(target: Target, terms: Sequence[Term], form: Callable[[Term], Any]) -> Any | None:
@@ -307,7 +314,8 @@ def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any 
     values = list(value) if per_family else [value]
     change = ufl.variable(ufl.as_ufl(0.0))
     for family in target.families if per_family else (0,):
-        of, along = values[family], 1.0
+        of = values[family]
+        along = of if target.relative else 1.0
         if target.along is not None:
             domain = ufl.domain.extract_unique_domain(of)
             along = target.along(ufl.SpatialCoordinate(domain))

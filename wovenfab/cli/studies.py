@@ -145,12 +145,13 @@ def differentiate(
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
     from wovenfab.stepping.step import Step, StepFailedError
-    from wovenfab.study.effects import parameters_of, sensitivities
+    from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
 
     console = Console()
     try:
-        targets = [target_of(name, case) for name in by] or parameters_of(case)
+        named = [target_of(name, case) for name in by] or parameters_of(case)
+        targets = [by_factor(target, case) for target in named]
     except PydanticCustomError as error:
         raise CaseError([case.problem("effects", *reason(error))]) from error
     end = program_of_case(case).milestones[-1].time
@@ -172,16 +173,10 @@ def differentiate(
         directory.mkdir(parents=True, exist_ok=True)
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         write_csv(directory / "sensitivities.csv", rows)
-        values = {str(t): _number(case.effects[t.effect][t.parameter]) for t in targets}
+        values = {str(t): value_of(t, case) for t in targets}
         draw_sensitivities(columns, values, directory / "sensitivities.png")
         console.say(f"table and picture: {directory}")
     return 0
-
-
-def _number(value: Any) -> float:
-    """Return a value, that of the first family of two, or 1 for a formula."""
-    first = value[0] if isinstance(value, tuple) else value
-    return float(first) if isinstance(first, int | float) else 1.0
 
 
 def run_sweep(
@@ -323,7 +318,7 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Knowl
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
         found = search_with_slack(objective, fit)
         e = found.evaluation
-        known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons)
+        known = knowledge(fit, found.values, e.residuals, e.jacobian, e.comparisons, found.shift)
         halves = {i.name: i.half for i in known.intervals if isfinite(i.half)}
         profiles = [
             profile(objective, fit, found, name, halves[name])

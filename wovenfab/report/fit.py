@@ -330,7 +330,7 @@ def trial_table(fit: Fit, found: Found) -> Table:
 
 
 def _shown(value: float, unit: str) -> str:
-    if not np.isfinite(value) or abs(value) > 1e30:
+    if not np.isfinite(value):
         return "unlimited"
     try:
         return quantity(value, unit)

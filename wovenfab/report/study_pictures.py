@@ -171,7 +171,7 @@ def draw_sensitivities(
 
     Args:
         columns: Of ``study.effects.sensitivities``.
-        values: Of the parameters by their names, in SI units.
+        values: Of the parameters by their names, in SI units; 1 for a common factor.
         path: The picture.
     """
     time = np.asarray(columns["time_s"])
@@ -185,7 +185,9 @@ def draw_sensitivities(
                 change = 0.01 * value * np.asarray(columns[f"d_{what}/d_{name}"])
                 style = DASHES[i // len(APART) % len(DASHES)]
                 colour = APART[i % len(APART)]
-                axes.plot(time, unit.factor * change, color=colour, linestyle=style, label=name)
+                axes.plot(
+                    time, unit.factor * change, color=colour, linestyle=style, label=shown(name)
+                )
             noun = "force" if what == "force" else "dissipated energy"
             axes.set_ylabel(f"change of {noun} ({unit.name})")
             zero_line(axes)
@@ -194,3 +196,8 @@ def draw_sensitivities(
         handles, names = axes.get_legend_handles_labels()
         figure.legend(handles, names, loc="outside right upper", fontsize=7)
         return save(figure, path)
+
+
+def shown(name: str) -> str:
+    """Return the name of a parameter, also where the derivative is by the factor of its values."""
+    return name.removeprefix("ln(").removesuffix(")") if name.startswith("ln(") else name

@@ -203,6 +203,7 @@ class Simulation:
 
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
+        self.stepper.destroy()
         self.solver.destroy()
 
     def __enter__(self) -> Self:

@@ -21,6 +21,7 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
+from mpi4py import MPI
 from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 from ufl.constantvalue import Zero
@@ -38,8 +39,9 @@ LEAST, MOST = 0.1, 10.0
 CLOSEST = 1e-15
 #: Stands for infinity.
 HUGE = 1e30
-#: Least bound that varies, N/m^2: a point of none is left out for good, which such a one is not.
-LEAST_BOUND = 1e-6
+#: Least bound that varies, over the largest at rest (or 1 in SI units if that is zero): a point of
+#: none is left out for good, which such a one is not.
+LEAST_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
@@ -233,14 +235,16 @@ class _PointRule:
         )
         self._creep = more[0] if more else None
         self.varies = bool(friction.term.effect.memory)
-        area, _ = self.at(self._given).reshape(-1, 2).T
+        area, bound = self.at(self._given).reshape(-1, 2).T
+        largest = float(mesh.comm.allreduce(bound.max(initial=0.0), op=MPI.MAX))
+        self._least = LEAST_BOUND * (largest or 1.0)
         self.area = np.repeat(area * np.tile(weights, own), self._size)
 
     @property
     def bound(self) -> Array:
         """The largest stress; it may vary with internal variables, and then come back from zero."""
         _, bound = self.at(self._given).reshape(-1, 2).T
-        return np.repeat(np.maximum(bound, LEAST_BOUND) if self.varies else bound, self._size)
+        return np.repeat(np.maximum(bound, self._least) if self.varies else bound, self._size)
 
     def increments(self) -> Array:
         return self.at(self._increment)

@@ -126,7 +126,14 @@ class TimeStepper:
         """
         from wovenfab.stepping.sensitivity import TangentLinear
 
+        self.destroy()
         self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, **more)
+
+    def destroy(self) -> None:
+        """Free the vectors of the derivatives, which end with it; collective."""
+        if self._tangent_linear is not None:
+            self._tangent_linear.destroy()
+            self._tangent_linear = None
 
     def control_force(self) -> None:
         """Find the displacement from the force where the program is a force; collective."""

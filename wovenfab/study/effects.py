@@ -11,15 +11,18 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import combinations
 from pathlib import Path
+from typing import Any
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
 from forms.effect import Target
 from wovenfab.case import Case, CaseError
+from wovenfab.case.formula import Expression
+from wovenfab.case.quantities import coefficients
 from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
@@ -258,6 +261,29 @@ def parameters_of(case: Case) -> list[Target]:
     return [Target(name, parameter) for name, of in case.effects.items() for parameter in of]
 
 
+def by_factor(target: Target, case: Case) -> Target:
+    """Return a target by a common factor where it is not one number: an unequal pair, a formula."""
+    values = _values(target, case)
+    several = any(isinstance(v, Expression) or v != values[0] for v in values)
+    return replace(target, relative=several and not target.coefficient)
+
+
+def value_of(target: Target, case: Case) -> float:
+    """Return what a derivative is multiplied by for once more of the parameter: its value.
+
+    That of a common factor is 1, that of a coefficient its number as written.
+    """
+    value = _values(target, case)[0]
+    if target.relative:
+        return 1.0
+    return coefficients(value)[target.coefficient - 1][0] if target.coefficient else float(value)
+
+
+def _values(target: Target, case: Case) -> list[Any]:
+    value = case.effects[target.effect][target.parameter]
+    return [value[f] for f in target.families] if isinstance(value, tuple) else [value]
+
+
 def sensitivities(
     case: Case,
     targets: Sequence[Target],
@@ -275,7 +301,9 @@ def sensitivities(
         say: Gets messages.
 
     Returns:
-        Columns by name: ``force_N``, ``d_force/d_shear.stiffness``, ... in SI units.
+        Columns by name: ``force_N``, ``d_force/d_shear.stiffness``, ... in SI units; by the
+        logarithm of a common factor, ``d_force/d_ln(bending.stiffness)``, where the values of a
+        pair differ or are formulas.
 
     Raises:
         TargetError: If the case has no such parameter.

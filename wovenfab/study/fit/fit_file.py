@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -15,9 +15,24 @@ from pydantic_core import PydanticCustomError
 from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
-from wovenfab.case.errors import Problem, describe, near_miss, problems_in, reason, wrong
+from wovenfab.case.errors import (
+    FormulaError,
+    Problem,
+    describe,
+    near_miss,
+    problems_in,
+    reason,
+    wrong,
+)
 from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import Length, Section, Several, coefficients, with_coefficient
+from wovenfab.case.quantities import (
+    Length,
+    Section,
+    Several,
+    coefficients,
+    with_change,
+    with_coefficient,
+)
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 
@@ -265,11 +280,19 @@ def read_fit(path: Path) -> Fit:
         for i, name in enumerate(given.profiles)
         if name not in given.parameters
     ]
+    unknowns = [_keeping_ratio(unknown, tests) for unknown in unknowns]
     for unknown in unknowns:
         for number, test in enumerate(tests):
             if unknown.target and unknown.target.effect not in test.case.effects:
                 message = f"the case of tests.{number} has no effect {unknown.target.effect!r}"
                 problems.append(document.problem(("parameters", unknown.name), message))
+            elif unknown.target:
+                try:  # the same number must be there in each case
+                    _meaning(unknown.target, test.case)
+                except PydanticCustomError as error:
+                    message, remedy = reason(error)
+                    message = f"in the case of tests.{number} {message}"
+                    problems.append(document.problem(("parameters", unknown.name), message, remedy))
     if problems:
         raise CaseError(problems)
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
@@ -319,6 +342,15 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
     return Unknown(name, unit, target, start, scaled, (low, high), by_factors)
 
 
+def _keeping_ratio(unknown: Unknown, tests: Sequence[MeasuredTest]) -> Unknown:
+    """Return an unknown by a common factor if it stands for both families of an unequal pair."""
+    if (target := unknown.target) is None or target.coefficient or len(target.families) == 1:
+        return unknown
+    given = [t.case.effects.get(target.effect, {}).get(target.parameter) for t in tests]
+    unequal = any(isinstance(pair, tuple) and pair[0] != pair[1] for pair in given)
+    return replace(unknown, target=replace(target, relative=unequal))
+
+
 def target_of(name: str, case: Case) -> Target:
     """Return the parameter of a case that a name means, such as ``bending.stiffness[1]``.
 
@@ -338,7 +370,17 @@ def target_of(name: str, case: Case) -> Target:
     if family not in (None, "1", "2"):
         raise wrong("the families are [1] and [2]")
     families = (0, 1) if family is None else (int(family) - 1,)
-    return Target(effect, parameter, families, int(coefficient or 0))
+    target = Target(effect, parameter, families, int(coefficient or 0))
+    value = case.effects[effect][parameter]
+    formula = value[families[0]] if isinstance(value, tuple) else value
+    if isinstance(formula, Expression) and 0 < target.coefficient <= len(coefficients(formula)):
+        try:
+            with_change(formula, target.coefficient)
+        except FormulaError as error:  # the exponent of a length, which the unit depends on
+            number = coefficients(formula)[target.coefficient - 1][0]
+            message = f"the number {number:g} of the formula {formula.text!r} must stay"
+            raise wrong(message, f"With another one {error}.") from error
+    return target
 
 
 def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
@@ -347,7 +389,15 @@ def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
     if isinstance(value, tuple):
         if target.coefficient and value[0] != value[1] and len(target.families) == 2:
             raise wrong("each family has a formula of its own", "Say which: [1] or [2].")
-        value = value[target.families[0]]
+        chosen = [value[f] for f in target.families]
+        if not target.coefficient and any(isinstance(v, Expression) for v in chosen):
+            raise wrong(
+                "the case gives this parameter by a formula of each family",
+                f"Seek one family, or a coefficient of one, such as {target}[1]#1.",
+            )
+        if len(chosen) == 2 and chosen[0] != chosen[1] and 0.0 in chosen:
+            raise wrong("a pair of which one value is zero has no ratio", "Say which: [1] or [2].")
+        value = chosen[0]
     elif len(target.families) == 1:
         raise wrong("both families have the same value", "Give the case a pair of values.")
     numbers = coefficients(value)
@@ -383,14 +433,17 @@ def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, 
         old = case.effects[target.effect][target.parameter]
         pair = old if isinstance(old, tuple) else (old,)
         new: list[Any] = [v.text if isinstance(v, Expression) else v for v in pair]
-        value = values[unknown.name]
-        for family in target.families if len(pair) == 2 else (0,):
-            formula, number = pair[family], target.coefficient
-            new[family] = (
-                with_coefficient(formula, number, value)
-                if isinstance(formula, Expression)
-                else units.write(value, unknown.unit)
-            )
+        value, families = values[unknown.name], target.families if len(pair) == 2 else (0,)
+        for family in families:
+            old_value, first = pair[family], pair[families[0]]
+            if isinstance(old_value, Expression):
+                new[family] = with_coefficient(old_value, target.coefficient, value)
+            else:  # the second family keeps its ratio to the first
+                if isinstance(first, Expression) or old_value == first:
+                    ratio = 1.0
+                else:
+                    ratio = old_value / first
+                new[family] = units.write(value * ratio, unknown.unit)
         key = f"effects.{target.effect}.{target.parameter}"
         case = case.changed({key: new if len(pair) == 2 else new[0]})
     return case

@@ -3,13 +3,17 @@
 Everything follows from the residuals r (distances over the error of a force) at the solution and
 their derivatives J by the scaled parameters q, which are logarithms where the search steps by
 factors. The covariance of q is s^2 (J^T J)^-1 with s^2 = r^T r/(n - p), or 1 if that is less (Seber
-and Wild, Nonlinear Regression, 1989, doi:10.1002/0471725315).
+and Wild, Nonlinear Regression, 1989, doi:10.1002/0471725315). Rows that the steps of the runs do
+not resolve weigh less: n is the sum of squared weights. Intervals are wider by what the error of
+cells and steps moves the parameters by: it is the same for all rows of a curve, so that more rows
+do not reduce it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +21,7 @@ from scipy import stats
 
 from wovenfab.record.history import bias_extension_of
 from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
+from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison
 
 Array = NDArray[np.float64]
@@ -29,6 +34,8 @@ UNKNOWN = 3.0
 LEAST, PART = 1e-6, 1e-3
 #: Correlation from which two parameters are named together.
 CORRELATED = 0.95
+#: Part of an interval by cells and steps, over that by the scatter, from which it is said.
+SAID = 0.1
 #: Share of the bounds' range that counts as at a bound.
 AT_BOUND = 1e-3
 #: Signs that a curve keeps too long to be noise: probability of so few runs.
@@ -44,7 +51,8 @@ class Interval:
         unit: SI unit.
         value, low, high: The value and the ends of its interval; infinite, or zero of a parameter
             that is found by factors, where nothing limits it.
-        half: Half of the interval in scaled parameters.
+        half: Half of the interval in scaled parameters, by the scatter alone.
+        shift: What cells and steps add to it on each side.
         determined: Whether the curves determine it.
         at_bound: ``"lower"`` or ``"upper"`` where it is at that bound, else empty.
     """
@@ -57,6 +65,7 @@ class Interval:
     half: float
     determined: bool
     at_bound: str = ""
+    shift: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +110,8 @@ class Knowledge:
         bic: Bayesian information criterion n ln(r^T r/n) + p ln n (Schwarz, Ann. Statist. 6 (1978)
             461-464, doi:10.1214/aos/1176344136): of two models for the same curves, that with the
             smaller one is worth its parameters.
-        points: n.
+        points: Number of rows.
+        unresolved: Of these, in each test, where the steps do not resolve the curve.
     """
 
     intervals: tuple[Interval, ...]
@@ -112,6 +122,7 @@ class Knowledge:
     fidelity: tuple[Fidelity, ...]
     bic: float
     points: int
+    unresolved: tuple[int, ...] = ()
 
 
 def knowledge(
@@ -120,6 +131,7 @@ def knowledge(
     residuals: Array,
     jacobian: Array,
     comparisons: Sequence[Comparison],
+    shift: Array | None = None,
 ) -> Knowledge:
     """Return what the curves tell.
 
@@ -129,9 +141,13 @@ def knowledge(
         residuals: Distances over the error of a force, shape (n,).
         jacobian: Their derivatives by the scaled parameters, shape (n, p).
         comparisons: What was compared, by test.
+        shift: By how much cells and steps move the scaled parameters, shape (p,); None for nothing.
     """
-    n, p = jacobian.shape
-    freedom = max(n - p, 1)
+    weight = weights(fit, comparisons)
+    residuals, jacobian = weight * residuals, weight[:, None] * jacobian
+    n, p = float((weight**2).sum()), jacobian.shape[1]
+    moved = np.zeros(p) if shift is None else shift
+    freedom = max(n - p, 1.0)
     scatter = max(float(np.sqrt(residuals @ residuals / freedom)), 1.0)
     _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
     seen = singular > LEAST * max(singular[0], 1e-300)
@@ -147,8 +163,8 @@ def knowledge(
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     factor = float(stats.t.ppf((1 + LEVEL) / 2, freedom))
     intervals = tuple(
-        _interval(u, values[u.name], factor * float(d))
-        for u, d in zip(fit.unknowns, deviation, strict=True)
+        _interval(u, values[u.name], factor * float(d), float(more))
+        for u, d, more in zip(fit.unknowns, deviation, moved, strict=True)
     )
     return Knowledge(
         intervals,
@@ -158,14 +174,17 @@ def knowledge(
         scatter,
         tuple(_fidelity(t, c) for t, c in zip(fit.tests, comparisons, strict=True)),
         float(n * np.log(max(float(residuals @ residuals), 1e-300) / n) + p * np.log(n)),
-        n,
+        len(weight),
+        tuple(int(np.count_nonzero(~c.resolved)) for c in comparisons),
     )
 
 
-def _interval(unknown: Unknown, value: float, half: float) -> Interval:
+def _interval(unknown: Unknown, value: float, scatter: float, shift: float) -> Interval:
     low, high = unknown.bounds
+    half = scatter + shift
     if unknown.by_factors:
-        ends = value * np.exp(-half), value * np.exp(min(half, 700.0))
+        with np.errstate(over="ignore"):
+            ends = value * np.exp(-half), value * np.exp(half)
         width, place = np.log(high / low), np.log(value / low)
         determined = half < np.log(UNKNOWN)
     else:
@@ -175,18 +194,21 @@ def _interval(unknown: Unknown, value: float, half: float) -> Interval:
     share = place / width
     at = "lower" if share < AT_BOUND else "upper" if share > 1 - AT_BOUND else ""
     a, b = (float(e) for e in ends)
-    return Interval(unknown.name, unknown.unit, value, a, b, half, bool(determined) and not at, at)
+    known = bool(determined) and not at
+    return Interval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
 def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
-    distance = comparison.force - comparison.measured
+    counted = comparison.resolved
+    measured, rows = comparison.measured[counted], comparison.rows[counted]
+    distance = comparison.force[counted] - measured
     peak = float(np.abs(comparison.measured).max())
-    second = np.diff(comparison.measured, 2)
+    second = np.diff(measured, 2)
     noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
     runs, expected, probability = sign_runs(distance)
-    loading = comparison.rows <= test.measured.branches()[0][-1]
+    loading = rows <= test.measured.branches()[0][-1]
     near = np.flatnonzero(np.abs(distance[loading]) <= 2 * test.error)
-    u = test.measured.displacement[comparison.rows[loading]]
+    u = test.measured.displacement[rows[loading]]
     first = 0 if not near.size else int(near[-1]) + 1
     part_at = float(u[first]) if first < u.size else None
     angle, sample = np.nan, bias_extension_of(test.case)
@@ -220,6 +242,28 @@ def sign_runs(residuals: Array) -> tuple[int, float, float]:
 def in_words(known: Knowledge, fit: Fit) -> list[str]:
     """Return sentences on what the curves tell and what they do not."""
     lines = []
+    if any(i.shift > SAID * i.half for i in known.intervals):
+        shares = (
+            f"{i.name} {100 * i.shift / (i.shift + i.half):.0f} %"
+            for i in known.intervals
+            if isfinite(i.half) and i.shift > SAID * i.half
+        )
+        lines.append(
+            "Intervals contain what cells and steps may move the parameters by, which makes of "
+            f"them: {', '.join(shares)}. Smaller cells and steps make them narrower."
+        )
+    for unknown in fit.unknowns:
+        if unknown.target is not None and unknown.target.relative:
+            lines.append(
+                f"{unknown.name} is the value of the first family; that of the second keeps its "
+                "ratio to it as in the case."
+            )
+    for test, count in zip(fit.tests, known.unresolved, strict=True):
+        if count:
+            lines.append(
+                f"{test.measured.file.name}: {count} rows lie in steps in which friction reverses; "
+                "they tell only within such a step where that is. Smaller steps resolve more."
+            )
     for i in known.intervals:
         if i.at_bound:
             lines.append(

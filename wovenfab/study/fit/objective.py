@@ -6,7 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from hashlib import sha256
 from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forms.effect import Target
-from wovenfab.case import Case
+from wovenfab.case import Case, CaseError
 from wovenfab.parallel import end_with_parent
 from wovenfab.record.fingerprint import fingerprint
 from wovenfab.simulation.response import with_elements, with_steps
@@ -83,7 +84,17 @@ class Evaluation:
     @property
     def misfit(self) -> float:
         """Root mean square of the distances, each over its test's largest measured force."""
-        return float(np.sqrt(np.mean(np.concatenate([c.shares for c in self.comparisons]) ** 2)))
+        shares = np.concatenate([c.shares for c in self.comparisons])
+        return float(np.sqrt(np.mean(shares[self.resolved] ** 2)))
+
+    @property
+    def resolved(self) -> NDArray[np.bool_]:
+        """Whether the steps resolve the curve there, shape (n,)."""
+        return np.concatenate([c.resolved for c in self.comparisons])
+
+    def weights(self, fit: Fit) -> Array:
+        """Return the error of a force over that with what the steps do not resolve, shape (n,)."""
+        return weights(fit, self.comparisons)
 
 
 @dataclass(frozen=True)
@@ -92,18 +103,34 @@ class Correction:
 
     Attributes:
         at: Scaled parameters where both were run, shape (p,).
-        residuals: Fine less coarse residuals, shape (n,).
-        jacobian: Fine less coarse derivatives, shape (n, p).
+        fine, coarse: What they gave.
+        weights: Of the residuals, shape (n,).
     """
 
     at: Array
-    residuals: Array
-    jacobian: Array
+    fine: Evaluation
+    coarse: Evaluation
+    weights: Array
 
     def applied(self, coarse: Evaluation, scaled: Array, free: Array) -> tuple[Array, Array]:
-        """Return corrected residuals, and their derivatives by the parameters that are free."""
-        residuals = coarse.residuals + self.residuals + self.jacobian @ (scaled - self.at)
-        return residuals, (coarse.jacobian + self.jacobian)[:, free]
+        """Return corrected residuals, and their derivatives by the parameters that are free.
+
+        Both are weighted. Where the steps of coarse runs do not resolve the curve, the residuals
+        are those of the fine ones with their derivatives.
+        """
+        known = coarse.resolved & self.coarse.resolved
+        jacobian = self.fine.jacobian.copy()
+        jacobian[known] += (coarse.jacobian - self.coarse.jacobian)[known]
+        more = self.fine.jacobian - np.where(known[:, None], self.coarse.jacobian, 0.0)
+        residuals = self.fine.residuals + more @ (scaled - self.at)
+        residuals[known] += (coarse.residuals - self.coarse.residuals)[known]
+        return self.weights * residuals, (self.weights[:, None] * jacobian)[:, free]
+
+
+def weights(fit: Fit, comparisons: Sequence[Comparison]) -> Array:
+    """Return the error of a force over that with what steps do not resolve, by row, shape (n,)."""
+    pairs = zip(fit.tests, comparisons, strict=True)
+    return np.concatenate([t.error / np.hypot(t.error, c.unresolved) for t, c in pairs])
 
 
 class Objective:
@@ -190,9 +217,14 @@ class Objective:
         fit = self._fit
         curves = self._curves(values, scale)
         comparisons, residuals, rows = [], [], []
-        for test, curve in zip(fit.tests, curves, strict=True):
+        targets = [(values[u.name], u.target) for u in fit.unknowns if u.target]
+        factors = np.array([1 / value if t.relative else 1.0 for value, t in targets])
+        for test, computed_curve in zip(fit.tests, curves, strict=True):
+            curve = replace(computed_curve, slopes=computed_curve.slopes * factors)
             reference = self._reference
-            c = compared(test.measured, curve, fit.unknowns, values, test.toe, reference)
+            c = compared(
+                test.measured, curve, fit.unknowns, values, test.toe, reference, test.error
+            )
             factor = np.sqrt(test.weight) / test.error
             comparisons.append(c)
             residuals.append(factor * (c.force - c.measured))
@@ -249,8 +281,12 @@ class Objective:
     def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
         fit = self._fit
         targets = [u.target for u in fit.unknowns if u.target is not None]
-        cases = [at_scale(with_values(t.case, fit.unknowns, values), scale) for t in fit.tests]
-        marks = [fingerprint(case) for case in cases]
+        try:
+            cases = [at_scale(with_values(t.case, fit.unknowns, values), scale) for t in fit.tests]
+        except CaseError as error:  # a formula may have values that it cannot have
+            raise TrialError(str(error)) from error
+        by = sha256(" ".join(map(str, targets)).encode()).hexdigest()[:8]
+        marks = [f"{fingerprint(case)}-{by}" for case in cases]
         stored = [self._load(mark) for mark in marks]
         waiting = [i for i, curve in enumerate(stored) if curve is None]
         fresh = self._fresh([cases[i] for i in waiting], targets)

@@ -3,6 +3,10 @@
 A displacement of the machine is that of the sample, of a spring in series and an offset:
 X = U + c F + u_0, and its force F + f_0. Between two steps the force is a cubic polynomial of U
 that is linear in the forces of the steps, so that derivatives are interpolated in the same way.
+
+Where the program reverses, friction may turn within a step or two. What lies between these steps
+is not known: a force there has the change of the force in the step as a further error. A row at
+such a place then tells where friction turns to about the length of a step, and no more.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy.interpolate import CubicHermiteSpline, make_interp_spline
+from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 
 from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case
@@ -36,6 +40,8 @@ from wovenfab.study.runner import Command, Ended
 Array = NDArray[np.float64]
 #: Fewest measured points that can be compared.
 FEWEST = 3
+#: Ratio of the slopes of two steps after a reversal from which the first is not resolved.
+STEEP = 2.0
 #: File of a command that has the parameters by which the curve is differentiated.
 TARGETS = "targets.pickle"
 #: Iterations for the displacement of the sample behind a spring.
@@ -142,6 +148,7 @@ class Comparison:
         measured: Their forces, N.
         force: The computed forces there, N.
         slopes: Derivatives of these by all parameters, shape (rows, parameters).
+        unresolved: What the force may differ by where the steps do not resolve the curve, else 0.
         beyond: Number of rows at displacements that the program does not reach.
         reach: Least and largest displacement of the program, m.
     """
@@ -150,6 +157,7 @@ class Comparison:
     measured: Array
     force: Array
     slopes: Array
+    unresolved: Array
     beyond: int = 0
     reach: tuple[float, float] = (0.0, 0.0)
 
@@ -173,8 +181,13 @@ class Comparison:
 
     @property
     def misfit(self) -> float:
-        """Root mean square of these shares."""
-        return float(np.sqrt(np.mean(self.shares**2)))
+        """Root mean square of these shares, where the steps resolve the curve."""
+        return float(np.sqrt(np.mean(self.shares[self.resolved] ** 2)))
+
+    @property
+    def resolved(self) -> NDArray[np.bool_]:
+        """Whether the steps resolve the curve there."""
+        return np.asarray(self.unresolved == 0)
 
 
 class BranchError(Exception):
@@ -197,12 +210,14 @@ def compared(
     values: Mapping[str, float] = MappingProxyType({}),
     toe: float = -np.inf,
     reference: Mapping[str, float] = MappingProxyType({}),
+    error: float = np.inf,
 ) -> Comparison:
     """Return what is measured beside what is computed.
 
     ``values`` are those of the parameters by name (SI units); points below the ``toe`` (m) are
     left out. With the machine's parameters in ``reference`` the program reaches the rows that are
-    compared: the same rows for all values.
+    compared: the same rows for all values. A step after a reversal that changes the force by less
+    than the ``error`` (N) beyond the slope of the next one is resolved.
 
     Raises:
         BranchError: The curves do not belong to each other.
@@ -231,8 +246,10 @@ def compared(
         low, high = np.sort(curve.displacement[list(curve.turns[number : number + 2])])
         slack = 1e-3 * (high - low)
         chosen = chosen[(sample[chosen] >= low - slack) & (sample[chosen] <= high + slack)]
-        parts.append(_along(measured, curve, span, chosen, unknowns, machine))
-    rows, forces, computed, slopes = (np.concatenate(one) for one in zip(*parts, strict=True))
+        parts.append(_along(measured, curve, span, chosen, unknowns, machine, error))
+    rows, forces, computed, slopes, uncertain = (
+        np.concatenate(one) for one in zip(*parts, strict=True)
+    )
     reach = float(curve.displacement.min()), float(curve.displacement.max())
     count = rows.size
     if count < FEWEST:
@@ -243,7 +260,12 @@ def compared(
             f"{1e3 * reach[0]:.4g} to {1e3 * reach[1]:.4g} mm. Measure displacements from the "
             "state at rest, in the unit that the header says, and let the program go as far"
         )
-    return Comparison(rows, forces, computed, slopes, wanted - count, reach)
+    if np.count_nonzero(uncertain == 0) < FEWEST:
+        raise BranchError(
+            f"{measured.file.name}: the steps of the run resolve less than {FEWEST} of its rows, "
+            "the others lie where friction reverses. Take more steps"
+        )
+    return Comparison(rows, forces, computed, slopes, uncertain, wanted - count, reach)
 
 
 def _check_signs(measured: Measured, curve: Curve) -> None:
@@ -272,43 +294,95 @@ def _along(
     rows: NDArray[np.intp],
     unknowns: Sequence[Unknown],
     machine: Sequence[float],
-) -> tuple[NDArray[np.intp], Array, Array, Array]:
-    """Return rows, measured forces, computed forces and slopes of one branch."""
+    error: float,
+) -> tuple[NDArray[np.intp], Array, Array, Array, Array]:
+    """Return rows, measured and computed forces, slopes and what is not resolved, of one branch."""
     compliance, shift, weight = machine
     u, f, by_parameters = curve.displacement[span], curve.force[span], curve.slopes[span]
     keep = np.concatenate([[True], np.diff(u) != 0])  # a hold has no length here
     u, f, by_parameters = u[keep], f[keep], by_parameters[keep]
-    order = np.argsort(u)
-    u, f, by_parameters = u[order], f[order], by_parameters[order]
-    force = make_interp_spline(u, f, k=1) if curve.straight else _cubic(u, f)
+    kink = unresolved(u, f, error)
+    low, high = np.sort(u[[0, -1]])
+    force = _straight(u, f) if curve.straight else _cubic(u, f, kink)
     x = measured.displacement[rows]
-    at = np.clip(x - shift, u[0], u[-1])
+    at = x - shift
     for _ in range(ITERATIONS if compliance else 0):
-        step = (at + compliance * force(at) + shift - x) / (1 + compliance * force(at, 1))
-        at = np.clip(at - step, u[0], u[-1])
-        if np.abs(step).max(initial=0.0) < 1e-12 * np.ptp(u):
+        steep = force(np.clip(at, low, high), 1)
+        step = (at + compliance * _along_ends(force, at) + shift - x) / (1 + compliance * steep)
+        at = np.clip(at - step, 2 * low - high, 2 * high - low)
+        if np.abs(step).max(initial=0.0) < 1e-12 * (high - low):
             break
-    steep = np.where((at > u[0]) & (at < u[-1]), force(at, 1), 0.0)
+    computed, steep = _along_ends(force, at), force(np.clip(at, low, high), 1)
     softer = 1 + compliance * steep
     columns, material = [], 0
     for unknown in unknowns:
         match unknown.name:
             case "machine.compliance":
-                columns.append(-steep * force(at) / softer)
+                columns.append(-steep * computed / softer)
             case "machine.displacement":
                 columns.append(-steep / softer)
             case "machine.force":
                 columns.append(np.ones_like(at))
             case _:
-                columns.append(_cubic(u, by_parameters[:, material])(at) / softer)
+                slope = _cubic(u, by_parameters[:, material], kink)
+                columns.append(_along_ends(slope, at) / softer)
                 material += 1
     slopes = np.stack(columns, axis=1) if columns else np.zeros((at.size, 0))
-    return rows, measured.force[rows], force(at) + weight, slopes
+    uncertain = np.zeros_like(at)
+    if kink:  # also in half of the next step: a row at its start may be on either side
+        way = np.abs(u - u[0])
+        places = np.searchsorted([*way[1:kink], (way[kink] + way[kink + 1]) / 2], np.abs(at - u[0]))
+        uncertain = np.array([*np.abs(np.diff(f[: kink + 1])), 0.0])[places]
+    return rows, measured.force[rows], computed + weight, slopes, uncertain
 
 
-def _cubic(u: Array, f: Array) -> CubicHermiteSpline:
-    """Return the cubic through points whose slopes are those of parabolas through three."""
-    return CubicHermiteSpline(u, f, np.gradient(f, u, edge_order=2 if len(u) > 2 else 1))
+def _along_ends(curve: PPoly, at: Array) -> Array:
+    """Return the values of a spline, continued straight beyond its ends.
+
+    A row at an end of the program must have a derivative by the machine's displacement.
+    """
+    inside = np.clip(at, curve.x[0], curve.x[-1])
+    return np.asarray(curve(inside) + curve(inside, 1) * (at - inside))
+
+
+def unresolved(u: Array, f: Array, error: float) -> int:
+    """Return how many steps after a reversal do not resolve how the force turns.
+
+    Args:
+        u: Displacements of a branch in the order of time, shape (n,).
+        f: Forces, shape (n,).
+        error: Change of the force beyond the slope of the next step that does not matter, N.
+    """
+    slopes = np.abs(np.diff(f) / np.diff(u))
+    for k in range(slopes.size - 1):
+        steep = slopes[k] > STEEP * slopes[k + 1]
+        if not steep or (slopes[k] - slopes[k + 1]) * abs(u[k + 1] - u[k]) <= error:
+            return k
+    return 0  # nothing of it is regular: friction does not stand out
+
+
+def _cubic(u: Array, f: Array, kink: int = 0) -> CubicHermiteSpline:
+    """Return the cubic through points whose slopes are those of parabolas through three.
+
+    From the ``kink`` on, a number of steps, slopes do not depend on what is before it.
+    """
+    slopes = _slopes(u[kink:], f[kink:])
+    if kink:
+        slopes = np.concatenate([_slopes(u[: kink + 1], f[: kink + 1])[:-1], slopes])
+    return CubicHermiteSpline(*_rising(u, f, slopes))
+
+
+def _straight(u: Array, f: Array) -> PPoly:
+    return PPoly.from_spline(make_interp_spline(*_rising(u, f), k=1))
+
+
+def _slopes(u: Array, f: Array) -> Array:
+    return np.asarray(np.gradient(f, u, edge_order=2 if len(u) > 2 else 1))
+
+
+def _rising(u: Array, *others: Array) -> tuple[Array, ...]:
+    """Return displacements and what belongs to them so that the displacements increase."""
+    return (u, *others) if u[0] < u[-1] else (u[::-1], *(o[::-1] for o in others))
 
 
 def main() -> None:

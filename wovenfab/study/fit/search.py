@@ -5,12 +5,15 @@ residuals and derivatives of later coarse runs get what the fine ones have more 
 so that both agree there to first order. The search with corrected coarse runs converges to the
 solution of the fine ones (Alexandrov and Lewis, Optimization and Engineering 2 (2001) 413-430,
 doi:10.1023/A:1016042505922).
+
+Rows that the steps of the runs do not resolve weigh less. Their weights are taken from a run and
+kept until the next fine one, so that the sum of squares is smooth in between.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import isfinite, isinf
 
 import numpy as np
@@ -71,6 +74,7 @@ class Found:
         converged: Whether the search ended by itself.
         error: Estimated error of the fine runs' curves by cells and steps, over the largest force;
             nan where files give them.
+        shift: By how much it moves the scaled parameters, in size, shape (p,).
         correction: Of coarse runs, there.
     """
 
@@ -80,6 +84,7 @@ class Found:
     scale: float
     converged: bool
     error: float
+    shift: Array
     correction: Correction
 
 
@@ -125,38 +130,42 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
     if first is None:
         return values
     pairs = list(zip(fit.tests, first.comparisons, strict=True))
-    upper = sum(float(c.force @ c.measured) / t.error**2 for t, c in pairs)
-    lower = sum(float(c.force @ c.force) / t.error**2 for t, c in pairs)
+    upper = sum(float(c.force[c.resolved] @ c.measured[c.resolved]) / t.error**2 for t, c in pairs)
+    lower = sum(float(c.force[c.resolved] @ c.force[c.resolved]) / t.error**2 for t, c in pairs)
     factor = max(upper / lower, 1e-6) if lower else 1.0
     return values | {u.name: float(np.clip(u.start * factor, *u.bounds)) for u in free}
 
 
-def search(objective: Objective, fit: Fit) -> Found:
-    """Return the values of least squares.
+def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = None) -> Found:
+    """Return the values of least squares; ``near`` are some that a search has found before.
 
     Raises:
         TrialError: No run came to its end at the start.
     """
-    values, coarse = _minimised(objective, fit, start_values(objective, fit), REGION[0])
+    if near is None:
+        values, coarse = _minimised(objective, fit, start_values(objective, fit), REGION[0])
+    else:
+        values, coarse = dict(near), _tried(objective, near, COARSE)
     best, scale, region = _tried(objective, values, 1.0), 1.0, REGION[1]
-    error = _error(best, coarse)
+    error, shift = _error(fit, best, coarse)
     for _ in range(MOST_FINE):
-        correction = _correction(objective, values, best, coarse)
-        if near := _is_near(objective, values, best):
+        weights = best.weights(fit)
+        correction = Correction(objective.scaled(values), best, coarse, weights)
+        if converged := _is_near(objective, values, best, weights):
             if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
                 break
             scale, as_said, best = FINER, best, _tried(objective, values, FINER)
-            error = _error(as_said, coarse, best)
+            error, shift = _error(fit, as_said, coarse, best)
             continue
         other, beside = _minimised(objective, fit, values, region, correction)
         done = objective.attempt(other, scale)
-        if done is None or _square(done) > _square(best):
+        if done is None or _square(done, weights) > _square(best, weights):
             region *= LESS
             continue
         values, best, coarse = other, done, beside
         if scale == 1:
-            error = _error(best, coarse)
-    return Found(values, best, tuple(objective.trials), scale, near, error, correction)
+            error, shift = _error(fit, best, coarse)
+    return Found(values, best, tuple(objective.trials), scale, converged, error, shift, correction)
 
 
 def search_with_slack(objective: Objective, fit: Fit) -> Found:
@@ -169,8 +178,7 @@ def search_with_slack(objective: Objective, fit: Fit) -> Found:
     for _ in range(MOST_ROWS):
         if not objective.choose_rows(found.values, found.scale):
             break
-        start = tuple(replace(u, start=found.values[u.name], scaled=False) for u in fit.unknowns)
-        found = search(objective, replace(fit, unknowns=start))
+        found = search(objective, fit, found.values)
     return found
 
 
@@ -192,25 +200,19 @@ def _tried(objective: Objective, values: Mapping[str, float], scale: float) -> E
     return done
 
 
-def _square(evaluation: Evaluation) -> float:
-    return float(evaluation.residuals @ evaluation.residuals)
+def _square(evaluation: Evaluation, weights: Array) -> float:
+    return float(((weights * evaluation.residuals) ** 2).sum())
 
 
-def _is_near(objective: Objective, values: Mapping[str, float], done: Evaluation) -> bool:
+def _is_near(
+    objective: Objective, values: Mapping[str, float], done: Evaluation, weights: Array
+) -> bool:
     """Return whether values are near to those of least squares; those at a bound do not count."""
     q, (low, high) = objective.scaled(values), objective.bounds
     margin = 1e-6 * (high - low)
-    return is_near(done.residuals, done.jacobian[:, (q > low + margin) & (q < high - margin)])
-
-
-def _correction(
-    objective: Objective, values: Mapping[str, float], fine: Evaluation, coarse: Evaluation
-) -> Correction:
-    return Correction(
-        objective.scaled(values),
-        fine.residuals - coarse.residuals,
-        fine.jacobian - coarse.jacobian,
-    )
+    jacobian = weights[:, None] * done.jacobian
+    free = (q > low + margin) & (q < high - margin)
+    return is_near(weights * done.residuals, jacobian[:, free])
 
 
 def _minimised(
@@ -239,14 +241,16 @@ def _minimised(
     def coarse_at(q: Array) -> Evaluation | None:
         return objective.attempt(objective.values(scaled_at(q)), COARSE)
 
+    known: list[Array] = []
+    first: list[Array] = []
+
     def at(q: Array) -> tuple[Array, Array] | None:
         if (done := coarse_at(q)) is None:
             return None
         if correction is None:
-            return done.residuals, done.jacobian[:, free]
+            first.append(done.weights(fit))
+            return first[0] * done.residuals, (first[0][:, None] * done.jacobian)[:, free]
         return correction.applied(done, scaled_at(q), free)
-
-    known: list[Array] = []
 
     def residuals(q: Array) -> Array:
         if (done := at(q)) is not None:
@@ -299,7 +303,8 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
     unknown, all_free = fit.unknowns[place], np.ones(len(fit.unknowns), dtype=bool)
     low, high = objective.bounds
     middle = float(objective.scaled(found.values)[place])
-    squares = {middle: _square(found.evaluation)}
+    weights = found.correction.weights
+    squares = {middle: _square(found.evaluation, weights)}
     for side in (-1, 1):
         values = dict(found.values)
         for share in PROFILE:
@@ -321,7 +326,7 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
     order = sorted(squares)
     points = np.exp(order) if unknown.by_factors else np.array(order) * np.ptp(unknown.bounds)
     rise = np.array([squares[at] for at in order]) - squares[middle]
-    n, p = found.evaluation.jacobian.shape
+    n, p = float((weights**2).sum()), len(fit.unknowns)
     variance = max(squares[middle] / max(n - p, 1), 1.0)
     limit = variance * float(stats.f.ppf(LEVEL, 1, max(n - p, 1)))
     root = np.sqrt(np.maximum(rise, 0) / limit) * np.sign(np.array(order) - middle)
@@ -358,30 +363,42 @@ def offset(residuals: Array, jacobian: Array) -> float:
     return float(np.sqrt((along @ along / p) / max(float(rest) / (n - p), 1e-300)))
 
 
-def _error(as_said: Evaluation, coarse: Evaluation, finer: Evaluation | None = None) -> float:
-    """Return the estimated error by cells and steps, root mean square over the largest force.
+def _error(
+    fit: Fit, as_said: Evaluation, coarse: Evaluation, finer: Evaluation | None = None
+) -> tuple[float, Array]:
+    """Return the estimated error by cells and steps, and by how much it moves scaled parameters.
 
-    Three sizes tell the order at which it falls, two of them only the distance: the order is then
-    taken as the lowest. Nan where files give cells and steps, so that nothing changes.
+    The error is the root mean square over the largest force, of rows that all runs resolve. It has
+    its sign along the curve: what it moves parameters by is its least-squares solution. Three sizes
+    tell the order at which it falls, two of them only the distance: the order is then taken as the
+    lowest. Nan and zeros where files give cells and steps, so that nothing changes.
 
     Args:
+        fit: The fit.
         as_said: Runs of the cases.
         coarse: Coarse runs with the same values.
         finer: Finer ones, whose error is wanted; None for that of the runs of the cases.
     """
-    larger = _distance(as_said, coarse)
+    best = as_said if finer is None else finer
+    rows = as_said.resolved & coarse.resolved & best.resolved
+    larger = _distance(as_said, coarse, rows)
     if not larger:
-        return np.nan
+        return np.nan, np.zeros(best.jacobian.shape[1])
     if finer is None:
-        return larger / float(COARSE ** ORDERS[0] - 1)
-    orders = np.linspace(*ORDERS, 101)
-    ratios = (COARSE**orders - 1) / (1 - FINER**orders)
-    order = float(np.interp(larger / _distance(finer, as_said), ratios, orders))
-    return _distance(finer, as_said) / float(FINER**-order - 1)
+        less, factor = coarse, float(COARSE ** ORDERS[0] - 1)
+    else:
+        orders = np.linspace(*ORDERS, 101)
+        ratios = (COARSE**orders - 1) / (1 - FINER**orders)
+        order = float(np.interp(larger / _distance(finer, as_said, rows), ratios, orders))
+        less, factor = as_said, float(FINER**-order - 1)
+    weights = best.weights(fit)
+    moved = np.where(rows, weights * (best.residuals - less.residuals) / factor, 0.0)
+    shift = np.linalg.lstsq(weights[:, None] * best.jacobian, moved, rcond=1e-6)[0]
+    return _distance(best, less, rows) / factor, np.abs(shift)
 
 
-def _distance(a: Evaluation, b: Evaluation) -> float:
+def _distance(a: Evaluation, b: Evaluation, rows: NDArray[np.bool_]) -> float:
     """Return the root mean square distance of two computed curves over the largest force."""
     pairs = zip(a.comparisons, b.comparisons, strict=True)
     parts = [(x.force - y.force) / np.abs(x.measured).max() for x, y in pairs]
-    return float(np.sqrt(np.mean(np.concatenate(parts) ** 2)))
+    return float(np.sqrt(np.mean(np.concatenate(parts)[rows] ** 2)))
