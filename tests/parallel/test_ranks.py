@@ -6,6 +6,7 @@ compiled by all ranks together first, so that no two compile the same one.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from itertools import count
 from pathlib import Path
@@ -236,10 +237,17 @@ def test_the_step_limit_is_that_of_the_worst_rank() -> None:
     assert COMM.allgather(limits[0]) == [limits[0]] * COMM.size
 
 
-def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(tmp_path: Path) -> None:
-    path = COMM.bcast(tmp_path / "missing.geo")
-    with pytest.raises(GeometryError, match=r"missing\.geo"):
-        from_file(COMM, GeometryFile(path), None)
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("missing.geo", None), ("false.msh", "x"), ("exit.geo", "Exit;\n"), ("false.step", "x")],
+)
+def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(
+    name: str, text: str | None, shared_path: Path
+) -> None:
+    if COMM.rank == 0 and text is not None:
+        (shared_path / name).write_text(text)
+    with pytest.raises(GeometryError, match=re.escape(name)):
+        from_file(COMM, GeometryFile(shared_path / name), None)
 
 
 def test_what_the_first_rank_makes_and_what_any_rank_raises_is_the_same_on_all() -> None:

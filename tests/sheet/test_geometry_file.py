@@ -100,6 +100,8 @@ def test_check_lists_edges_and_curves_without_a_name(tmp_path: Path) -> None:
         "edge left: 0.3 m long, x = 0 m, y = 0 to 0.3 m (curve 4)",
         "without a name: curve 1 (0.9 m long, x = 0 to 0.9 m, y = 0 m), "
         "curve 3 (0.9 m long, x = 0 to 0.9 m, y = 0.3 m)",
+        "the narrowest place is 0.3 m wide (0.33 of the size of the sheet), "
+        "at x = 0.45 m, y = 0.15 m",
     ]
 
 

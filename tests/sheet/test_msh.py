@@ -11,10 +11,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 
+from tests import scenes
 from wovenfab.sheet.errors import GeometryError
-from wovenfab.sheet.geometry_file import GeometryFile, read_geometry
+from wovenfab.sheet.geometry_file import GeometryFile, from_file, read_geometry
 from wovenfab.sheet.msh import read_msh, stated_points
+from wovenfab.sheet.sheet import Sheet, directions
 
 MESHES = Path(__file__).parents[2] / "meshes"
 #: Versions that gmsh writes, as text and binary.
@@ -93,6 +96,31 @@ def test_the_other_order_of_bytes_is_read(tmp_path: Path) -> None:
     mesh = read_msh(path)
     assert mesh.points.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
     assert mesh.surfaces[1].tolist() == [[0, 1, 2]]
+
+
+def moved(text: str, away: float) -> str:
+    """Return a mesh of version 2.2 whose nodes are moved in x and y by a distance (m)."""
+    head, _, rest = text.partition("$Nodes\n")
+    nodes, _, tail = rest.partition("$EndNodes")
+    count, *rows = nodes.strip().split("\n")
+    places = [(n, float(x) + away, float(y) + away, z) for n, x, y, z in map(str.split, rows)]
+    lines = "\n".join(f"{n} {x!r} {y!r} {z}" for n, x, y, z in places)
+    return f"{head}$Nodes\n{count}\n{lines}\n$EndNodes{tail}"
+
+
+def test_a_sheet_far_from_the_origin_has_the_same_force_or_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "sheet.msh"
+    by_gmsh(path, 2.2, False, name="rectangle")
+    text, forces = path.read_text(), []
+    for away in (0.0, 8e3):
+        path.write_text(moved(text, away))
+        mesh = from_file(MPI.COMM_SELF, GeometryFile(path), None)
+        model = scenes.model(Sheet(*mesh, directions(scenes.BIAS)), scenes.BONDED, scenes.PROTOTYPE)
+        forces.append(scenes.force(model, scenes.PULL, 0.02)["right"][0])
+    assert forces[1] == pytest.approx(forces[0], rel=1e-9)
+    path.write_text(moved(text, 1e9))
+    with pytest.raises(GeometryError, match="too rough; move it to the origin"):
+        read_geometry(GeometryFile(path))
 
 
 TEXT = """$MeshFormat
