@@ -363,7 +363,8 @@ def test_the_profile_of_a_nearly_linear_fit_is_its_interval(tmp_path: Path) -> N
     with Objective(fit, tmp_path / "runs") as objective:
         result = search(objective, fit)
         e = result.evaluation
-        known = knowledge(fit, result.values, e.residuals, e.jacobian, e.comparisons)
+        parts = e.residuals, e.jacobian, e.comparisons, result.shift
+        known = knowledge(fit, result.values, *parts)
         first = known.intervals[0]
         one = profile(objective, fit, result, first.name, first.half)
     assert len(one.values) == 7

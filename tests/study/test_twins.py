@@ -12,8 +12,10 @@ import pytest
 from tests.study.test_fit import as_measured, found
 from wovenfab.case import read_case
 from wovenfab.study.fit.fit_file import Fit, read_fit
-from wovenfab.study.fit.knowledge import in_words
+from wovenfab.study.fit.knowledge import in_words, knowledge
+from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import computed
+from wovenfab.study.fit.search import search_with_slack
 
 BIAS = """\
 sheet: {length: 0.3 m, width: 0.1 m, fibres: [45 deg, -45 deg]}
@@ -52,6 +54,35 @@ OF_LOOP = {
     "slip_friction.strength": 55e3,
     "slip_friction.slope": 70.0,
 }
+MACHINE = """\
+sheet: {length: 200 mm, width: 100 mm, fibres: [45 deg, -45 deg]}
+effects:
+  stretch: {stiffness: 3e4 N/m}
+  shear: {stiffness: 20 N/m}
+  spin_friction: {strength: 4 N/m, law: coulomb}
+boundary: {left: clamp, right: {displacement: [program, 0]}}
+program: {type: cycles, amplitudes: [20 mm], frequency: 0.1 Hz}
+discretisation: {degree: 1, mesh_size: 100 mm}
+time: {steps_per_cycle: 32}
+"""
+OF_MACHINE = {
+    "shear.stiffness": 20.0,
+    "spin_friction.strength": 4.0,
+    "machine.compliance": 1e-4,
+    "machine.displacement": 0.3e-3,
+    "machine.force": 0.05,
+}
+FIT_OF_MACHINE = """\
+refine: false
+tests:
+  - {case: case.yaml, measured: curve.csv, error: 0.3 %}
+parameters:
+  shear.stiffness: {start: 30 N/m}
+  spin_friction.strength: {start: 3 N/m}
+  machine.compliance: {start: 2e-5 m/N, bounds: ["1e-6 m/N", "1e-2 m/N"]}
+  machine.displacement: {bounds: ["-1 mm", "1 mm"]}
+  machine.force: {bounds: ["-1 N", "1 N"]}
+"""
 
 
 def twin(path: Path, truth: Mapping[str, float], finer: Mapping[str, Any], noise: float = 0.0,
@@ -124,3 +155,30 @@ def test_of_a_noisy_curve_intervals_hold_the_truth(seed: int, tmp_path: Path) ->
     _, about, _ = found(fit, tmp_path)
     for interval in about.intervals:
         assert interval.low < ELASTIC[interval.name] < interval.high
+
+
+@pytest.mark.slow
+def test_intervals_of_a_machine_with_coulomb_friction_hold_the_truth_in_ten_repeats(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(MACHINE)
+    (tmp_path / "fit.yaml").write_text(FIT_OF_MACHINE)
+    made = computed(read_case(path), [])
+    at = made.displacement + OF_MACHINE["machine.compliance"] * made.force
+    at += OF_MACHINE["machine.displacement"]
+    hits, widths = [], []
+    for seed in range(10):
+        curve = as_measured(at, made.force + OF_MACHINE["machine.force"], 0.003, seed)
+        (tmp_path / "curve.csv").write_text(curve)
+        fit = read_fit(tmp_path / "fit.yaml")
+        with Objective(fit, tmp_path / "runs") as objective:
+            result = search_with_slack(objective, fit)
+            e = result.evaluation
+            known = knowledge(fit, result.values, e.residuals, e.jacobian, e.comparisons)
+            sizes = objective.slopes(result.values)
+        hits.append([i.low <= OF_MACHINE[i.name] <= i.high for i in known.intervals])
+        widths.append([i.half for i in known.intervals] * sizes)
+        print(seed, dict(result.values), hits[-1], widths[-1])
+    assert (np.sum(hits, axis=0) >= 9).all()
+    assert (np.max(widths, axis=0) < 5 * np.min(widths, axis=0)).all()

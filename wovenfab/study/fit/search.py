@@ -97,7 +97,8 @@ class Profile:
         values: In SI units, increasing.
         rise: Of the sum of squares over its least value, over that at the ends of an interval of
             95 %.
-        low, high: These ends; infinite where the profile does not reach them.
+        low, high: These ends, wider by what cells and steps move the parameter by; infinite where
+            the profile does not reach them.
     """
 
     name: str
@@ -324,18 +325,23 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
             residuals, _ = found.correction.applied(done, scaled, all_free)
             squares[at] = float(residuals @ residuals)
     order = sorted(squares)
-    points = np.exp(order) if unknown.by_factors else np.array(order) * np.ptp(unknown.bounds)
+
+    def value(scaled: float) -> float:
+        return float(np.exp(scaled) if unknown.by_factors else scaled * np.ptp(unknown.bounds))
+
+    points = [value(at) for at in order]
     rise = np.array([squares[at] for at in order]) - squares[middle]
     n, p = float((weights**2).sum()), len(fit.unknowns)
     variance = max(squares[middle] / max(n - p, 1), 1.0)
     limit = variance * float(stats.f.ppf(LEVEL, 1, max(n - p, 1)))
     root = np.sqrt(np.maximum(rise, 0) / limit) * np.sign(np.array(order) - middle)
     steps = np.maximum.accumulate(root)
-    ends = (np.interp(z, steps, points, -np.inf, np.inf) for z in (-1, 1))
-    lowest, highest = (float(end) for end in ends)
-    return Profile(
-        name, tuple(map(float, points)), tuple(map(float, rise / limit)), lowest, highest
+    ends = (float(np.interp(z, steps, order, -np.inf, np.inf)) for z in (-1, 1))
+    lowest, highest = (
+        value(end + side * float(found.shift[place])) if isfinite(end) else end
+        for side, end in zip((-1, 1), ends, strict=True)
     )
+    return Profile(name, tuple(points), tuple(map(float, rise / limit)), lowest, highest)
 
 
 def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
