@@ -28,10 +28,17 @@ def load() -> Any:
     """Return mpi4py.MPI, which starts MPI where it has not been started.
 
     Raises:
-        LackingError: The ranks were not started by the launcher of this MPI.
+        LackingError: The ranks were not started by the launcher of this MPI, or PyPI's wheel is
+            incomplete.
     """
     if find_spec(WHEEL):
-        import_module(WHEEL)
+        try:
+            import_module(WHEEL)
+        except ImportError as error:  # mpi4py is missing, or another petsc4py is there
+            raise LackingError(
+                f"PyPI's wheel of dolfinx cannot be used: {error}; make a new environment and "
+                "pip install 'wovenfab[wheels]' there"
+            ) from error
     from mpi4py import MPI
 
     if _started() > 1 and MPI.COMM_WORLD.size == 1:
