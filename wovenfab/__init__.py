@@ -14,8 +14,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wovenfab.mpi import MpiFirst
-
 if TYPE_CHECKING:
     __version__: str
     from wovenfab.case import Case, CaseError, read_case
@@ -43,7 +41,34 @@ __all__ = [
     "steps",
 ]
 
-sys.meta_path.insert(0, MpiFirst())
+
+class _MpiFirst:
+    """Loads MPI before the first module that needs its library; finds no module itself.
+
+    Only what Python has loaded by itself is imported before: with ``python -m`` the current folder
+    is still the first in which modules are looked for.
+    """
+
+    waits = True
+
+    def find_spec(self, name: str, path: Any = None, target: Any = None) -> None:
+        """Load MPI if a module needs it, and leave the search to others."""
+        if name == "mpi4py.MPI":
+            from wovenfab.mpi import require_own_launcher
+
+            require_own_launcher()
+        if self.waits and name in ("dolfinx", "petsc4py"):
+            from wovenfab.mpi import load
+
+            self.waits = False
+            try:
+                load()
+            except BaseException:
+                self.waits = True
+                raise
+
+
+sys.meta_path.insert(0, _MpiFirst())
 
 
 def _version() -> str:

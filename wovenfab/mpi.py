@@ -11,20 +11,15 @@ import os
 import re
 import shutil
 import sys
-from collections.abc import Sequence
 from importlib import import_module
-from importlib.abc import MetaPathFinder
 from importlib.util import find_spec
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from wovenfab.lacking import LackingError
 
 #: Variables in which launchers tell how many ranks they have started: Open MPI's and MPICH's.
 SIZES = ("OMPI_COMM_WORLD_SIZE", "PMI_SIZE")
-#: What loads libraries that need MPI.
-AFTER_MPI = ("dolfinx", "petsc4py")
 #: The module of PyPI's wheel that loads its MPI and refuses another petsc4py.
 WHEEL = "dolfinx_solver"
 
@@ -33,10 +28,17 @@ def load() -> Any:
     """Return mpi4py.MPI, which starts MPI where it has not been started.
 
     Raises:
-        LackingError: The ranks were not started by the launcher of this MPI.
+        LackingError: The ranks were not started by the launcher of this MPI, or PyPI's wheel is
+            incomplete.
     """
     if find_spec(WHEEL):
-        import_module(WHEEL)
+        try:
+            import_module(WHEEL)
+        except ImportError as error:  # mpi4py is missing, or another petsc4py is there
+            raise LackingError(
+                f"PyPI's wheel of dolfinx cannot be used: {error}; make a new environment and "
+                "pip install 'wovenfab[wheels]' there"
+            ) from error
     from mpi4py import MPI
 
     if _started() > 1 and MPI.COMM_WORLD.size == 1:
@@ -74,28 +76,6 @@ def _foreign(launcher: str, library: str) -> str:
         f"the ranks were started by the mpirun of {launcher}, but dolfinx was built with "
         f"{library}: start them by {own}, or by --ranks"
     )
-
-
-class MpiFirst(MetaPathFinder):
-    """Loads MPI before the first module that needs its library; finds no module itself."""
-
-    def __init__(self) -> None:
-        """Wait for the first one."""
-        self.waits = True
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> None:
-        """Load MPI if a module needs it, and leave the search to others."""
-        if name == "mpi4py.MPI":
-            require_own_launcher()
-        if self.waits and name in AFTER_MPI:
-            self.waits = False
-            try:
-                load()
-            except BaseException:
-                self.waits = True
-                raise
 
 
 def command_of(name: str) -> str | None:
