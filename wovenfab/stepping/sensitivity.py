@@ -1,8 +1,8 @@
 """Derivatives of a run by material parameters: the tangent-linear equations of each step.
 
-After each step the linear equations of ``forms.balance`` are solved with the tangent at its
-solution, one right-hand side for each parameter. The force that is conjugate to the program is the
-work of the internal force on w, the derivative of prescribed displacements by the program: its
+After each step the linear equations of ``forms.balance`` are solved with the tangent at
+its solution, one right-hand side for each parameter. The force that is conjugate to the program is
+the work of the internal force on w, the derivative of prescribed displacements by the program: its
 derivative is w.(K du + b) with the tangent K and the right-hand side b before boundary conditions,
 and K w is formed once for all parameters.
 
