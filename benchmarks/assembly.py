@@ -18,8 +18,8 @@ from mpi4py import MPI
 
 from benchmarks.figure import Figure
 from benchmarks.probe import CASE
-from forms.kinematics import displacements
 from wovenfab.case import read_case
+from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options
 from wovenfab.model.kernels import own_kernels
 from wovenfab.model.model import Model

@@ -8,8 +8,8 @@ from pathlib import Path
 from mpi4py import MPI
 
 from benchmarks.figure import Figure
-from forms.effect import Needs
 from wovenfab.case import read_case
+from wovenfab.forms.effect import Needs
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.study.effects import Cost, line, measure, printed, study, with_effects
 

@@ -49,8 +49,8 @@ def main(case_file: str) -> None:
     """Measure here, on all ranks, and print the times of the steps on the first."""
     from mpi4py import MPI
 
-    from forms.effect import Target
     from wovenfab.case import read_case
+    from wovenfab.forms.effect import Target
     from wovenfab.simulation.from_case import sheet_of
     from wovenfab.simulation.simulation import Simulation
 

@@ -8,7 +8,10 @@ from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
-from forms.effect import Effect
+if __name__ != "wovenfab.forms":
+    raise ImportError("the package forms is now wovenfab.forms", name="forms")
+
+from wovenfab.forms.effect import Effect
 
 
 @cache

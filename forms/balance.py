@@ -21,8 +21,8 @@ from typing import Any
 
 import ufl
 
-from forms.effect import Effect, Strain, Term, Values
-from forms.kinematics import (
+from wovenfab.forms.effect import Effect, Strain, Term, Values
+from wovenfab.forms.kinematics import (
     Edge,
     Facet,
     Pair,

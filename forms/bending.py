@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from forms.effect import Effect, Needs, Parameter, Strain, Values
-from forms.kinematics import Edge, Facet, Point, curvature_vector, tangent
+from wovenfab.forms.effect import Effect, Needs, Parameter, Strain, Values
+from wovenfab.forms.kinematics import Edge, Facet, Point, curvature_vector, tangent
 
 
 def strains(point: Point, values: Values) -> tuple[Strain, ...]:

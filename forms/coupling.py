@@ -6,8 +6,8 @@ from typing import Any
 
 import ufl
 
-from forms.effect import Effect, Needs, Parameter, Values
-from forms.kinematics import Point
+from wovenfab.forms.effect import Effect, Needs, Parameter, Values
+from wovenfab.forms.kinematics import Point
 
 
 def energy(point: Point, values: Values) -> Any:

@@ -1,6 +1,6 @@
 """What an effect is: a name, its parameters with units, its needs and its potential.
 
-An effect is one file of this folder that defines ``EFFECT``; ``forms.effects``
+An effect is one file of this folder that defines ``EFFECT``; ``wovenfab.forms.effects``
 finds it, and everything else (case keys, spaces, integrals, history columns)
 follows from what the effect states here.
 
@@ -16,7 +16,7 @@ from typing import Any
 
 import ufl
 
-from forms.kinematics import Edge, Facet, Point
+from wovenfab.forms.kinematics import Edge, Facet, Point
 
 #: Parameter values by name: a UFL scalar, or one for each family.
 Values = Mapping[str, Any]

@@ -14,9 +14,9 @@ from typing import Any
 
 import ufl
 
-from forms.balance import Balance, first_variation, second_variation
-from forms.effect import Bound, Term, Values
-from forms.kinematics import Point, point_of, point_variation
+from wovenfab.forms.balance import Balance, first_variation, second_variation
+from wovenfab.forms.effect import Bound, Term, Values
+from wovenfab.forms.kinematics import Point, point_of, point_variation
 
 
 def log_cosh(x: Any) -> Any:

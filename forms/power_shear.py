@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from forms.effect import Effect, Parameter, Values
-from forms.kinematics import Point, shear_angle
+from wovenfab.forms.effect import Effect, Parameter, Values
+from wovenfab.forms.kinematics import Point, shear_angle
 
 #: Angle (rad) below which the law is rounded: for n < 2 its stiffness has no bound at rest.
 ROUNDING = 1e-6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from forms.effect import Effect, Parameter, Values
-from forms.kinematics import Point, shear_tangent
+from wovenfab.forms.effect import Effect, Parameter, Values
+from wovenfab.forms.kinematics import Point, shear_tangent
 
 
 def energy(point: Point, values: Values) -> Any:

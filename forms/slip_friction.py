@@ -11,9 +11,9 @@ from typing import Any
 
 import ufl
 
-from forms.effect import Effect, Needs, Parameter, Values
-from forms.friction import COULOMB, SMOOTH, smoothed_coulomb
-from forms.kinematics import Point
+from wovenfab.forms.effect import Effect, Needs, Parameter, Values
+from wovenfab.forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from wovenfab.forms.kinematics import Point
 
 
 def slip(point: Point) -> Any:

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from forms.effect import Effect, Needs, Parameter, Values
-from forms.friction import COULOMB, SMOOTH, smoothed_coulomb
-from forms.kinematics import Point, shear_angle
+from wovenfab.forms.effect import Effect, Needs, Parameter, Values
+from wovenfab.forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from wovenfab.forms.kinematics import Point, shear_angle
 
 
 def angle(point: Point) -> Any:

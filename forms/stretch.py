@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from forms.effect import Effect, Parameter, Strain, Values
-from forms.kinematics import Point, stretch
+from wovenfab.forms.effect import Effect, Parameter, Strain, Values
+from wovenfab.forms.kinematics import Point, stretch
 
 
 def strains(point: Point, values: Values) -> tuple[Strain, ...]:

@@ -9,8 +9,8 @@ from typing import Any
 
 import ufl
 
-from forms.effect import Effect, Needs, Parameter, Values
-from forms.slip_friction import slip
+from wovenfab.forms.effect import Effect, Needs, Parameter, Values
+from wovenfab.forms.slip_friction import slip
 
 
 def dissipation(rate: Any, values: Values) -> Any:

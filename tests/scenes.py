@@ -15,10 +15,10 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 from petsc4py import PETSc
 
-from forms import effects
-from forms.balance import Balance, FacetTerm
-from forms.effect import Effect
-from forms.kinematics import Facet
+from wovenfab.forms import effects
+from wovenfab.forms.balance import Balance, FacetTerm
+from wovenfab.forms.effect import Effect
+from wovenfab.forms.kinematics import Facet
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model

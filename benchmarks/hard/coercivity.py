@@ -10,8 +10,8 @@ from dolfinx import fem
 from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from forms.balance import facet_penalty
-from forms.kinematics import along, curvature_vector, displacements, tangent, twice_along
+from wovenfab.forms.balance import facet_penalty
+from wovenfab.forms.kinematics import along, curvature_vector, displacements, tangent, twice_along
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 

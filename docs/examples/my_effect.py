@@ -1,7 +1,7 @@
 """Shear that is linear in the angle: K/2 gamma^2."""
 
-from forms.effect import Effect, Parameter
-from forms.kinematics import shear_angle
+from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.kinematics import shear_angle
 
 
 def energy(point, values):

@@ -2,9 +2,9 @@
 
 from ufl import exp
 
-from forms.effect import Effect, InternalVariable, Needs, Parameter
-from forms.friction import smooth_bound, smoothed_coulomb
-from forms.slip_friction import slip
+from wovenfab.forms.effect import Effect, InternalVariable, Needs, Parameter
+from wovenfab.forms.friction import smooth_bound, smoothed_coulomb
+from wovenfab.forms.slip_friction import slip
 
 
 def strength(values):

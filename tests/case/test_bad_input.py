@@ -14,8 +14,8 @@ from wovenfab.case import CaseError, read_case
 
 COMMAND = Path(__file__).parents[2] / "env" / "bin" / "wovenfab"
 OWN = """\
-from forms.effect import Effect, Parameter
-from forms.kinematics import shear_angle
+from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.kinematics import shear_angle
 EFFECT = Effect(
     name="mine",
     summary="-",

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 from ruamel.yaml import YAML
 
-from forms import effects
-from forms.effect import Parameter
 from tests.case.reading import WriteCase, again
 from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, read_case
+from wovenfab.forms import effects
+from wovenfab.forms.effect import Parameter
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*.yaml"))
 

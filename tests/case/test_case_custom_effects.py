@@ -10,16 +10,16 @@ from typing import Any
 import pytest
 from ruamel.yaml import YAML
 
-import forms
 from tests.case.reading import EXAMPLE, WriteCase, again, told
 from tests.cli.test_commands import rows, wovenfab
-from wovenfab.case import Case, read_case
+from wovenfab import forms
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.custom_effects import REMEDY
 from wovenfab.record.summary import read_summary
 
 DOCS = Path(__file__).parents[2] / "docs"
 OWN = """\
-from forms.effect import Effect, Needs, Parameter
+from wovenfab.forms.effect import Effect, Needs, Parameter
 
 EFFECT = Effect(
     name="drag",
@@ -165,15 +165,26 @@ def test_the_case_as_written_finds_the_file_from_anywhere(
     assert other == case and repr(other) == repr(case)
 
 
-@pytest.mark.parametrize("line", ["from .effect import", "from forms.effect import"])
+@pytest.mark.parametrize("line", ["from .effect import", "from wovenfab.forms.effect import"])
 def test_the_file_may_be_one_of_forms(line: str, example: str, write_case: WriteCase) -> None:
     """An effect can move between a case's folder and forms/ without an edit."""
     path = write_case(example.replace(COUPLING, DRAG))
     Path("drag.py").write_text(
-        OWN.replace("from forms.effect import", f"from __future__ import annotations\n{line}")
+        OWN.replace(
+            "from wovenfab.forms.effect import", f"from __future__ import annotations\n{line}"
+        )
         + "from dataclasses import dataclass\n@dataclass\nclass A:\n    a: 'int' = 1\n"
     )
     assert read_case(path).scene[-1].name == "drag"
+
+
+def test_a_file_that_imports_from_where_effects_were_is_told_from_where(
+    example: str, write_case: WriteCase
+) -> None:
+    path = write_case(example.replace(COUPLING, DRAG))
+    Path("drag.py").write_text(OWN.replace("from wovenfab.forms.effect", "from forms.effect"))
+    with pytest.raises(CaseError, match=r"drag.py:\d+: .*Import from wovenfab.forms"):
+        read_case(path)
 
 
 def test_the_documented_example_is_the_one_in_the_docs() -> None:

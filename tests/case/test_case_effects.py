@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-import forms
-from forms.effect import Needs
+from wovenfab import forms
 from wovenfab.case import CaseError, read_case
 from wovenfab.case.effects import Scene, SceneEffect, Values, acting, lacking, needs_of_scene
+from wovenfab.forms.effect import Needs
 
 
 def scene_of(*names: str, **values: Values) -> Scene:

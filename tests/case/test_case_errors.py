@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
-import forms
 from tests.case.reading import EXAMPLE, WriteCase, told
+from wovenfab import forms
 from wovenfab.case import CaseError, read_case
 from wovenfab.case.errors import one_of
 

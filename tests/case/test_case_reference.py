@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-import forms
 from tests.case.reading import WriteCase
+from wovenfab import forms
 from wovenfab.case import json_schema, read_case
 
 NewFile = Callable[[str, str], None]
@@ -44,7 +44,7 @@ def new_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[NewFil
     yield write
     forms.effects.cache_clear()
     for path in tmp_path.glob("*.py"):
-        sys.modules.pop(f"forms.{path.stem}", None)
+        sys.modules.pop(f"wovenfab.forms.{path.stem}", None)
 
 
 def _objects(schema: Any) -> Iterator[dict[str, Any]]:

@@ -11,9 +11,9 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 
-from forms import effects
-from forms.effect import Effect
 from tests import scenes
+from wovenfab.forms import effects
+from wovenfab.forms.effect import Effect
 from wovenfab.model.model import Model, Numerics
 
 ALL = list(effects().values())

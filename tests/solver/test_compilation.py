@@ -16,7 +16,7 @@ from dolfinx import fem
 from dolfinx.mesh import GhostMode, create_unit_square
 from mpi4py import MPI
 
-from forms.kinematics import along, twice_along
+from wovenfab.forms.kinematics import along, twice_along
 from wovenfab.model import assembly, kernels
 
 

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import ufl
 
-from forms import effects
-from forms.effect import Effect, Parameter
-from forms.kinematics import norm
 from tests import scenes
 from wovenfab.compat import NOT_FINITE
+from wovenfab.forms import effects
+from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.kinematics import norm
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.solver.diagnosis import Diagnosis, diagnose, proven_penalty

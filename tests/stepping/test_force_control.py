@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.effect import Target
 from tests.scenes import BONDED, PROTOTYPE, PROTOTYPE_TWO_STEPS, SCHEMES, model, sheet, solver
 from wovenfab import CaseError, read_case, simulate
+from wovenfab.forms.effect import Target
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Program, cycle, program_of, table

@@ -14,10 +14,10 @@ import pytest
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from forms import effects
-from forms.effect import Effect, Target, Term
 from tests import scenes
 from wovenfab.case import read_case
+from wovenfab.forms import effects
+from wovenfab.forms.effect import Effect, Target, Term
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
 from wovenfab.simulation.from_case import sheet_of

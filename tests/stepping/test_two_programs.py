@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.effect import Target
 from wovenfab import CaseError, read_case, simulate
 from wovenfab.case import Case
+from wovenfab.forms.effect import Target
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Segment, cycle, planned_steps, program_of_case, ramp

@@ -10,8 +10,8 @@ import pytest
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from forms.effect import Target
 from wovenfab.case import Case, read_case
+from wovenfab.forms.effect import Target
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.response import trial_of, with_elements, with_steps
 from wovenfab.simulation.simulation import Simulation

@@ -85,10 +85,15 @@ def wovenfab(installed: Path, folder: Path, *arguments: str) -> str:
 def test_the_wheel_has_the_package_with_its_data_and_nothing_else(wheel: Path) -> None:
     names = [Path(name) for name in zipfile.ZipFile(wheel).namelist()]
     tops = {name.parts[0] for name in names}
-    assert tops == {"forms", "wovenfab", f"wovenfab-{VERSION}.dist-info"}
-    package = {name for name in names if name.parts[0] in ("forms", "wovenfab")}
-    files = (p for top in ("forms", "wovenfab") for p in (ROOT / top).rglob("*") if p.is_file())
-    assert package == {p.relative_to(ROOT) for p in files if p.suffix != ".pyc"}
+    assert tops == {"wovenfab", f"wovenfab-{VERSION}.dist-info"}
+    package = {name for name in names if name.parts[0] == "wovenfab"}
+    places = ((ROOT, ROOT / "wovenfab"), (ROOT / "forms", ROOT / "forms"))
+    assert package == {
+        ("wovenfab/forms" if base.name == "forms" else Path()) / p.relative_to(base)
+        for base, top in places
+        for p in top.rglob("*")
+        if p.is_file() and p.suffix != ".pyc"
+    }
 
 
 def test_every_command_works_from_another_folder(installed: Path, tmp_path: Path) -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from pathlib import Path
 
-from forms import effects
+from wovenfab.forms import effects
+from wovenfab.parallel import child_environment
 
 ROOT = Path(__file__).parents[2]
 #: From the bottom up; a layer may use itself and what stands before it.
 LAYERS = (
-    "forms",
+    "wovenfab.forms",
     "wovenfab.lacking",
     "wovenfab.mpi",
     "wovenfab.versions",
@@ -35,6 +38,12 @@ LAYERS = (
 SOURCES = sorted((*(ROOT / "wovenfab").rglob("*.py"), *(ROOT / "forms").rglob("*.py")))
 
 
+def module_of(path: Path) -> str:
+    """Return the name of a module of the project; forms/ is wovenfab.forms."""
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(("wovenfab", *parts) if parts[0] == "forms" else parts)
+
+
 def layer_of(module: str) -> int | None:
     """Return the number of a module's layer; None for what is not the project's."""
     numbers = [i for i, name in enumerate(LAYERS) if (module + ".").startswith(name + ".")]
@@ -48,7 +57,7 @@ def imports(path: Path) -> set[str]:
 
 
 def test_no_module_imports_from_a_layer_above_its_own() -> None:
-    own = {p: layer_of(".".join(p.relative_to(ROOT).with_suffix("").parts)) for p in SOURCES}
+    own = {p: layer_of(module_of(p)) for p in SOURCES}
     assert [
         f"{path.relative_to(ROOT)} imports {module}"
         for path, layer in own.items()
@@ -63,8 +72,19 @@ def test_every_folder_of_the_project_is_a_layer() -> None:
     assert folders <= set(LAYERS)
 
 
+def test_no_module_has_two_names() -> None:
+    code = "import sys, wovenfab.cli.check; print('forms' in sys.modules)\nimport forms"
+    found = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, env=child_environment(),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert found.stdout == "False\n"
+    assert found.stderr.splitlines()[-1].startswith("ImportError"), found.stderr
+
+
 def test_the_physics_knows_no_mesh_and_no_solver() -> None:
-    used = {m.split(".")[0] for p in (ROOT / "forms").glob("*.py") for m in imports(p)}
+    used = {m for p in (ROOT / "forms").glob("*.py") for m in imports(p)}
+    used = {m.split(".")[0] for m in used if not (m + ".").startswith("wovenfab.forms.")}
     assert not used & {"dolfinx", "petsc4py", "mpi4py", "basix", "numpy", "wovenfab"}
 
 

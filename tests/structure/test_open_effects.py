@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-import forms
-from forms import effects
 from tests.structure.test_installed import CASE as SMALL
+from wovenfab import forms
 from wovenfab.case import CaseError, json_schema, read_case
 from wovenfab.cli.check import describe, effects_page
+from wovenfab.forms import effects
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
@@ -39,7 +39,7 @@ def crimp(tmp_path: Path) -> Iterator[None]:
     effects.cache_clear()
     yield
     forms.__path__.remove(str(folder))
-    sys.modules.pop("forms.crimp", None)
+    sys.modules.pop("wovenfab.forms.crimp", None)
     effects.cache_clear()
 
 

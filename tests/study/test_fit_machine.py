@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forms.effect import Target
 from wovenfab.case import read_case
+from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured
 from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
 from wovenfab.study.fit.knowledge import knowledge

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.forms.effect import Target
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.sensitivity import TangentLinear

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forms import effects
 from tests import scenes
 from tests.verification.test_closed_forms import (
     AREA,
@@ -24,6 +23,7 @@ from tests.verification.test_closed_forms import (
     pushed_slider,
     slider,
 )
+from wovenfab.forms import effects
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver import point_friction
 from wovenfab.stepping.program import Program, cycle, program_of, ramp

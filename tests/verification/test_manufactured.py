@@ -18,7 +18,8 @@ from dolfinx.fem import petsc as fem_petsc
 from dolfinx.mesh import exterior_facet_indices
 from petsc4py import PETSc
 
-from forms.kinematics import (
+from tests import scenes
+from wovenfab.forms.kinematics import (
     along,
     curvature_vector,
     displacements,
@@ -27,7 +28,6 @@ from forms.kinematics import (
     stretch,
     twice_along,
 )
-from tests import scenes
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model, Numerics
 

@@ -14,8 +14,6 @@ import pytest
 from mpi4py import MPI
 from scipy.integrate import solve_ivp
 
-from forms.effect import Bound, Effect, InternalVariable, Needs, Parameter, Target
-from forms.kinematics import shear_tangent
 from tests import scenes
 from tests.stepping.test_sensitivity import SHARES, differences, falls_by_half, remainders
 from tests.verification.test_closed_forms import (
@@ -28,6 +26,8 @@ from tests.verification.test_closed_forms import (
     TWO_STEPS,
     whole,
 )
+from wovenfab.forms.effect import Bound, Effect, InternalVariable, Needs, Parameter, Target
+from wovenfab.forms.kinematics import shear_tangent
 from wovenfab.model.constraints import EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet

@@ -26,8 +26,7 @@ from pydantic import (
 from pydantic.json_schema import GenerateJsonSchema
 from ruamel.yaml import YAML
 
-import forms
-from forms.effect import Effect, Needs
+from wovenfab import forms
 from wovenfab.case.boundary import EdgeConditions
 from wovenfab.case.checks import findings
 from wovenfab.case.document import (
@@ -61,6 +60,7 @@ from wovenfab.case.schema import (
     Time,
     possible_fields,
 )
+from wovenfab.forms.effect import Effect, Needs
 
 #: Values that replace those of a case: "key=value" each, or values by dotted key.
 Overrides = Sequence[str] | Mapping[str, Any]

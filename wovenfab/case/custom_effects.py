@@ -23,15 +23,15 @@ from typing import Any, get_args, get_origin, get_type_hints
 import ufl
 from pydantic_core import PydanticCustomError
 
-import forms
-from forms.balance import Balance, Rate
-from forms.effect import Effect, Term
-from forms.friction import PointFriction, components_of
-from forms.kinematics import point_of
+from wovenfab import forms
 from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
 from wovenfab.case.errors import in_brief, one_of, refusal, wrong
+from wovenfab.forms.balance import Balance, Rate
+from wovenfab.forms.effect import Effect, Term
+from wovenfab.forms.friction import PointFriction, components_of
+from wovenfab.forms.kinematics import point_of
 from wovenfab.lacking import LackingError
 
 #: Keys of an effect that are no parameters.
@@ -79,8 +79,8 @@ def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
 def _loaded(path: Path, value: str) -> Effect:
     """Return ``EFFECT`` of a file, which is run for that."""
     # As if it lay in forms/, so that it can be moved there as it is.
-    module = ModuleType(f"forms.custom:{path}")
-    module.__package__, module.__file__ = "forms", str(path)
+    module = ModuleType(f"wovenfab.forms.custom:{path}")
+    module.__package__, module.__file__ = "wovenfab.forms", str(path)
     sys.modules[module.__name__] = module  # dataclasses look themselves up there
     try:
         with _limited():
@@ -89,7 +89,9 @@ def _loaded(path: Path, value: str) -> Effect:
         line = error.lineno if error.filename == str(path) else _line(error, path)
         raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
     except (Exception, SystemExit) as error:
-        raise wrong(f"{value}:{_line(error, path)}: {in_brief(error)}") from error
+        old = isinstance(error, ImportError) and (error.name or "").partition(".")[0] == "forms"
+        remedy = "Import from wovenfab.forms in place of forms." if old else ""
+        raise wrong(f"{value}:{_line(error, path)}: {in_brief(error)}", remedy) from error
     finally:
         sys.modules.pop(module.__name__)
     if "EFFECT" not in module.__dict__:
@@ -98,7 +100,7 @@ def _loaded(path: Path, value: str) -> Effect:
     if not isinstance(effect, Effect):
         raise wrong(
             f"EFFECT in {value} is of type {type(effect).__name__}, not Effect",
-            "It must be an Effect of forms.effect.",
+            "It must be an Effect of wovenfab.forms.effect.",
         )
     if unfit := next(_unfit(effect, "EFFECT"), None):
         raise wrong(f"{value}: {unfit}")

@@ -22,12 +22,12 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-import forms
-from forms.effect import Effect, Needs, Parameter
+from wovenfab import forms
 from wovenfab.case.document import FILE, LAW
 from wovenfab.case.formula import Expression
 from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import KINDS
+from wovenfab.forms.effect import Effect, Needs, Parameter
 
 #: A parameter's value in SI units: the same everywhere, or a formula of x and y.
 Value = float | Expression

@@ -19,7 +19,6 @@ from pydantic import (
     model_validator,
 )
 
-from forms.effect import Needs
 from wovenfab.case import units
 from wovenfab.case.document import existing_file, folder_of
 from wovenfab.case.errors import describe, wrong
@@ -37,6 +36,7 @@ from wovenfab.case.quantities import (
     Several,
     Size,
 )
+from wovenfab.forms.effect import Needs
 
 STEP = (".step", ".stp")
 GEOMETRIES = (".geo", ".msh", *STEP)

@@ -71,7 +71,7 @@ def parse(text: str, unit: str) -> float:
 
     Args:
         text: ``"40 mm"``, ``"1e-3"``, ``"5 %"``.
-        unit: The SI unit that is expected, as in ``forms.effect.Parameter``;
+        unit: The SI unit that is expected, as in ``wovenfab.forms.effect.Parameter``;
             empty for a pure number.
 
     Returns:

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from forms import effects
-from forms.effect import Effect, Needs, Parameter
 from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.document import FROM
 from wovenfab.case.effects import acting
 from wovenfab.case.quantities import Json
 from wovenfab.cli.console import Console
+from wovenfab.forms import effects
+from wovenfab.forms.effect import Effect, Needs, Parameter
 from wovenfab.simulation.progress import memory
 from wovenfab.stepping.program import planned_steps
 

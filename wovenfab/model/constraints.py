@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ufl.algorithms.apply_derivatives import apply_derivatives
 from ufl.constantvalue import Zero
 
-from forms.balance import Load
+from wovenfab.forms.balance import Load
 from wovenfab.model.assembly import compile_forms
 from wovenfab.model.corners import Claim, corner_shares
 from wovenfab.model.spaces import Placements

@@ -18,9 +18,16 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy import sparse
 
-from forms.kinematics import curvature_vector, displacements, norm, point_of, shear_angle, stretch
 from wovenfab.case.schema import Extensometer, Line, PointProbe, Probe, Yarn, Zone
 from wovenfab.compat import corners_of
+from wovenfab.forms.kinematics import (
+    curvature_vector,
+    displacements,
+    norm,
+    point_of,
+    shear_angle,
+    stretch,
+)
 from wovenfab.model.assembly import compile_expression
 from wovenfab.model.model import Model
 from wovenfab.sheet.lattice import NOWHERE, Lattice, circle, locate

@@ -29,8 +29,8 @@ from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, ReferenceGra
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
-from forms.kinematics import cross
 from wovenfab.compat import FFCX_KERNELS, rule_of
+from wovenfab.forms.kinematics import cross
 
 #: UFL's module of that name, which its function of that name hides.
 _ANALYSIS = importlib.import_module("ufl.algorithms.compute_form_data")

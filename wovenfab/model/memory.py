@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 from ufl.constantvalue import Zero
 
-from forms.balance import Balance
-from forms.effect import Target, Term, along_fields, by_parameter
-from forms.kinematics import Point, point_of
+from wovenfab.forms.balance import Balance
+from wovenfab.forms.effect import Target, Term, along_fields, by_parameter
+from wovenfab.forms.kinematics import Point, point_of
 from wovenfab.model.assembly import compile_expression
 
 Array = NDArray[np.float64]

@@ -17,8 +17,8 @@ from dolfinx import fem
 from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
-from forms.balance import Balance, Rate
-from forms.effect import Effect, Term
+from wovenfab.forms.balance import Balance, Rate
+from wovenfab.forms.effect import Effect, Term
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
@@ -26,7 +26,7 @@ from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
 
 if TYPE_CHECKING:
-    from forms.friction import PointFriction
+    from wovenfab.forms.friction import PointFriction
 
 
 #: A parameter: a number, or a function of the reference position (UFL in and out).
@@ -71,7 +71,7 @@ class Model:
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
         friction: Factor of all friction: 1, or 0 for an initial state.
-        geometric_weight: 1 for the tangent, 0 for its positive part (``forms.balance``).
+        geometric_weight: 1 for the tangent, 0 for its positive part (``wovenfab.forms.balance``).
         loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
@@ -298,7 +298,7 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
 
 def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
     """Return a bounded friction with its stress at the points of a quadrature rule."""
-    from forms.friction import PointFriction, components_of
+    from wovenfab.forms.friction import PointFriction, components_of
 
     size = components_of(term, balance)
     stress, tangent = (point_function(mesh, size, degree) for _ in "12")

@@ -15,8 +15,8 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 
-import forms
 import wovenfab
+from wovenfab import forms
 from wovenfab.case import Case, Rectangle, Table
 from wovenfab.record.field_file import newest_checkpoint
 from wovenfab.record.results import NothingToResumeError

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import ufl
 from mpi4py import MPI
 
-from forms.effect import Target
 from wovenfab.case import (
     Case,
     CaseError,
@@ -30,6 +29,7 @@ from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
 from wovenfab.case.formula import VARIABLES
 from wovenfab.case.quantities import coefficients, with_change
+from wovenfab.forms.effect import Target
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
 from wovenfab.model.model import Model, Numerics, build_model

@@ -34,7 +34,7 @@ from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
 
 if TYPE_CHECKING:
-    from forms.effect import Target
+    from wovenfab.forms.effect import Target
 
 #: What is called after each accepted step, on every rank; the model's field is that of the step.
 Observer = Callable[[Step], None]

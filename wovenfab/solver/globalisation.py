@@ -21,7 +21,7 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.kinematics import point_of, point_variation
+from wovenfab.forms.kinematics import point_of, point_variation
 from wovenfab.model.assembly import compile_expressions
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import Model, preserved

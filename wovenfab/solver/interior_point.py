@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 from ufl.constantvalue import Zero
 
-from forms.friction import PointFriction
+from wovenfab.forms.friction import PointFriction
 from wovenfab.model.assembly import compile_expression, compile_expressions
 from wovenfab.model.memory import PointValues
 

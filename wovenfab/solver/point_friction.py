@@ -19,8 +19,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.effect import Target, along_fields, by_parameter
-from forms.friction import PointFriction
+from wovenfab.forms.effect import Target, along_fields, by_parameter
+from wovenfab.forms.friction import PointFriction
 from wovenfab.model.model import Model
 from wovenfab.solver.interior_point import HUGE, Aim, FrictionPoints, Increment, InteriorPoint
 from wovenfab.solver.linear import LinearSolver

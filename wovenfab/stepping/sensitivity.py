@@ -1,6 +1,6 @@
 """Derivatives of a run by material parameters: the tangent-linear equations of each step.
 
-After each step the linear equations of ``forms.balance`` are solved with the tangent at
+After each step the linear equations of ``wovenfab.forms.balance`` are solved with the tangent at
 its solution, one right-hand side for each parameter. The force that is conjugate to the program is
 the work of the internal force on w, the derivative of prescribed displacements by the program: its
 derivative is w.(K du + b) with the tangent K and the right-hand side b before boundary conditions,
@@ -26,7 +26,7 @@ from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-from forms.effect import Target, Term, along_fields, by_parameter
+from wovenfab.forms.effect import Target, Term, along_fields, by_parameter
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.memory import VariableSlopes
 from wovenfab.model.model import Model, preserved

@@ -18,7 +18,7 @@ from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
 if TYPE_CHECKING:
-    from forms.effect import Target
+    from wovenfab.forms.effect import Target
     from wovenfab.stepping.sensitivity import TangentLinear
 
 logger = logging.getLogger(__name__)

@@ -19,10 +19,10 @@ from typing import Any
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from forms.effect import Target
 from wovenfab.case import Case, CaseError
 from wovenfab.case.formula import Expression
 from wovenfab.case.quantities import coefficients
+from wovenfab.forms.effect import Target
 from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv

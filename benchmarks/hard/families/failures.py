@@ -25,8 +25,8 @@ NO_NUMBER = '''
 
 import ufl
 
-from forms.effect import Effect, Parameter
-from forms.kinematics import norm
+from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.kinematics import norm
 
 
 def energy(point, values):
@@ -45,8 +45,8 @@ EFFECT = Effect(
 ONE_FAMILY = '''
 """Resists stretching of the first family only, and says more."""
 
-from forms.effect import Effect, Parameter
-from forms.kinematics import norm
+from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.kinematics import norm
 
 
 def energy(point, values):

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.pictures import draw_friction
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting, together
-from forms.balance import Balance
-from forms.effect import Term
-from forms.kinematics import point_of
+from wovenfab.forms.balance import Balance
+from wovenfab.forms.effect import Term
+from wovenfab.forms.kinematics import point_of
 from wovenfab.model.assembly import compile_expression
 from wovenfab.stepping.step import Step
 

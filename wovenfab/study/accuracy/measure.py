@@ -21,8 +21,8 @@ import ufl
 from dolfinx import fem
 from mpi4py import MPI
 
-from forms.kinematics import displacements
 from wovenfab.case import Case, read_case
+from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import cache_folder, compile_form
 from wovenfab.model.model import Model
 from wovenfab.record.fingerprint import fingerprint

@@ -12,7 +12,6 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import (
@@ -33,6 +32,7 @@ from wovenfab.case.quantities import (
     with_change,
     with_coefficient,
 )
+from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forms.effect import Target
 from wovenfab.case import Case, CaseError
+from wovenfab.forms.effect import Target
 from wovenfab.parallel import end_with_parent
 from wovenfab.record.fingerprint import fingerprint
 from wovenfab.simulation.response import with_elements, with_steps

@@ -26,8 +26,8 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 
-from forms.effect import Target
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, reversed_force, said
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.simulation import Simulation

@@ -19,10 +19,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from forms.balance import second_variation
-from forms.kinematics import point_of, point_variation
 from wovenfab.case import Case
 from wovenfab.compat import corners_of
+from wovenfab.forms.balance import second_variation
+from wovenfab.forms.kinematics import point_of, point_variation
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
