@@ -140,6 +140,6 @@ def test_what_is_probably_not_meant_is_asked_back(change: str, told: str) -> Non
 )
 def test_check_answers_soon_whatever_the_numbers(change: str) -> None:
     check_case(BIAS, [])  # imports
-    start = time.perf_counter()
+    start = time.process_time()  # whatever else the machine does
     assert check_case(BIAS, [change]) == 0
-    assert time.perf_counter() - start < 2
+    assert time.process_time() - start < 2

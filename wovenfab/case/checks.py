@@ -180,7 +180,7 @@ def _edges_everywhere(
 def _frames(boundary: Boundary, program: Program) -> Iterator[Finding]:
     """Yield frames that the program folds flat, and those of one sheet that differ."""
     frames = [(name, i, c.frame) for name, i, c in conditions_of(boundary) if c.frame]
-    travel = reached(program)
+    travel = reached(program) if frames else []
     for name, i, frame in frames:
         here: KeyPath = ("boundary", name, i, "frame")
         if frame != frames[0][2]:
