@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import wovenfab
 from wovenfab.case import CaseError
+from wovenfab.record.summary import read_cycles
 
 #: Unequal families, and friction of both kinds: no symmetry hides an error.
 EFFECTS = {
@@ -91,7 +92,10 @@ def bias(boundary: Mapping[str, Any], amplitude: float, folder: Path) -> dict[st
         discretisation={"degree": 2, "mesh_size": 0.15},
     )
     run = wovenfab.simulate(case, folder / "run", overwrite=True)
-    return dict(run.summary["cycles"][0])
+    (cycle,), (row,) = run.summary["cycles"], read_cycles(folder / "run")
+    figures = {name: value for name, value in cycle.items() if name != "complete"}
+    assert {name: float(row[name]) for name in figures} == figures
+    return dict(cycle)
 
 
 #: Conditions, amplitude (m), and elongation per program.

@@ -324,7 +324,9 @@ def _shear(
 def _cell(value: Figure) -> str:
     if value is None:
         return ""
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(float(value)) if isinstance(value, float) else str(value)  # also a number of numpy
 
 
 def _plain(value: Any) -> Any:

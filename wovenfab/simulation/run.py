@@ -196,7 +196,7 @@ def _travel(constraints: Constraints, displacements: NDArray[np.float64]) -> flo
     first = displacements[:1].sum()
     farthest = displacements[np.abs(displacements - first).argmax()] if len(displacements) else 0.0
     way = abs(farthest - first)
-    return constraints.travel(farthest, first) / way or 1.0 if way else 1.0
+    return float(constraints.travel(farthest, first) / way) or 1.0 if way else 1.0
 
 
 def _require_earlier(directory: Path, rows: HistoryRows, checkpoint: Checkpoint) -> None:
