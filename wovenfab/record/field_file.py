@@ -405,14 +405,19 @@ def _digest(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> str:
     return made.hexdigest()
 
 
+#: What a run keeps of itself beside its state.
+_RUN = {"parts", "outcome", "losses", "errors"}
+
+
 def _checkpoint(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> Checkpoint | None:
     """Return the checkpoint with a state as it is stored; None if it lacks something."""
     try:
         checkpoint = Checkpoint(**json.loads(state), arrays=arrays)
-        run, program = checkpoint.values["run"], arrays[PROGRAM]
+        program = arrays[PROGRAM]
+        run = checkpoint.values.get("run", _RUN)  # the states of studies have none
         plain = isinstance(checkpoint.step, int) and isinstance(checkpoint.time, float | int)
         parts = {"stepper", "case", "chosen"} <= {*checkpoint.values}
-        parts = parts and {"parts", "outcome", "losses", "errors"} <= {*run}
+        parts = parts and _RUN <= {*run}
         return checkpoint if plain and parts and len(program) == 4 else None
     except (TypeError, LookupError, ValueError, AttributeError, RecursionError):
         return None

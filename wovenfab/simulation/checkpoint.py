@@ -233,8 +233,13 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     """Return a case that goes on from a checkpoint: with an accuracy, what was chosen for it.
 
     Raises:
-        NothingToResumeError: Physics, mesh or a finished part of the program differ.
+        NothingToResumeError: Physics, mesh or a finished part of the program differ, or a study
+            wrote the checkpoint.
     """
+    if "run" not in checkpoint.values:
+        raise NothingToResumeError(
+            f"{directory} is a part of a study, which goes on when the study is repeated"
+        )
     if case.accuracy is not None:
         case = _with_choices(case, checkpoint, directory)
     before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
