@@ -112,7 +112,7 @@ def test_a_mesh_without_an_end_is_ended(tmp_path: Path) -> None:
     ("error", "says"),
     [
         ("OSError('libGL.so.1: cannot open shared object file')", "libGL.so.1.*apt-get install"),
-        ("ModuleNotFoundError('No module named gmsh')", "pip install gmsh"),
+        ("ModuleNotFoundError('No module named gmsh', name='gmsh')", "pip install gmsh"),
     ],
 )
 def test_gmsh_that_cannot_be_loaded_is_named_with_what_to_install(
