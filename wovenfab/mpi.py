@@ -77,7 +77,10 @@ def _foreign(launcher: str, library: str) -> str:
 
 
 class MpiFirst(MetaPathFinder):
-    """Loads MPI before the first module that needs its library; finds no module itself."""
+    """Loads MPI before the first module that needs its library, and starts PETSc before dolfinx.
+
+    It finds no module itself.
+    """
 
     def __init__(self) -> None:
         """Wait for the first one."""
@@ -96,6 +99,19 @@ class MpiFirst(MetaPathFinder):
             except BaseException:
                 self.waits = True
                 raise
+            if name == "dolfinx":
+                start_petsc()
+
+
+def start_petsc(options: Sequence[str] = ()) -> None:
+    """Start PETSc with options of a command line, unless it has been started.
+
+    Files of options (``.petscrc``, ``petscrc``) are left out: those in the current folder may have
+    come with a case, and options can run code and write files.
+    """
+    import petsc4py
+
+    petsc4py.init(["wovenfab", "-skip_petscrc", *options])
 
 
 def command_of(name: str) -> str | None:

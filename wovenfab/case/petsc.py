@@ -45,7 +45,7 @@ _WORDS: Mapping[str, str] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
 }
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 _SWITCH = ("true", "false", "yes", "no", "on", "off", "")
 
 

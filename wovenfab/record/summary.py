@@ -324,7 +324,8 @@ def _shear(
 def _cell(value: Figure) -> str:
     if value is None:
         return ""
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+    plain = value.item() if isinstance(value, np.generic) else value  # no np.float64(1.0)
+    return str(plain).lower() if isinstance(plain, bool) else repr(plain)
 
 
 def _plain(value: Any) -> Any:
