@@ -233,6 +233,7 @@ OPTIONS = (
     {"saws_port_auto_select": True},
     {"prefix_push": "x"},
     {"ksp_rtol": "\u0663"},
+    {"ksp_type": "gmres", "ksp_gmres_restart": 999_999_999},
 )
 
 

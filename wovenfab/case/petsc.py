@@ -46,6 +46,8 @@ _WORDS: Mapping[str, str] = {
     "snes_linesearch_type": "basic",
 }
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: Numbers for which PETSc takes memory, where it ends the process if there is not enough.
+_LARGEST = {"ksp_gmres_restart": 10_000}
 _SWITCH = ("true", "false", "yes", "no", "on", "off", "")
 
 
@@ -72,6 +74,8 @@ def _fault(name: str, text: str) -> str:
         return "" if text == "" else f"in a case it can be '' (to print), not {text!r}"
     if _NUMBERS.fullmatch(name) or _MUMPS.fullmatch(name):
         fits = text in _SWITCH or _NUMBER.fullmatch(text)
+        if fits and name in _LARGEST and text not in _SWITCH and float(text) > _LARGEST[name]:
+            return f"is at most {_LARGEST[name]} in a case, not {text}"
         return "" if fits else f"expected a number, true or false, got {text!r}"
     return (
         "is no option that a case may have: those act on the linear solver (ksp_type, pc_type, "
