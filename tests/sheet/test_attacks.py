@@ -234,6 +234,7 @@ OPTIONS = (
     {"prefix_push": "x"},
     {"ksp_rtol": "\u0663"},
     {"ksp_type": "gmres", "ksp_gmres_restart": 999_999_999},
+    {"ksp_type": "cg", "pc_type": "eisenstat"},
 )
 
 

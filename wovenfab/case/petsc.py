@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 _SOLVERS = """preonly cg cgne cr fcg pipecg groppcg minres symmlq gmres fgmres lgmres dgmres gcr
     bcgs bcgsl fbcgs ibcgs tfqmr tcqmr cgs lsqr richardson chebyshev"""
 _PRECONDITIONERS = """none jacobi sor bjacobi pbjacobi asm gasm ilu icc lu cholesky gamg redundant
-    telescope ksp eisenstat kaczmarz svd qr"""
+    telescope ksp kaczmarz svd qr"""
 _PACKAGES = """petsc mumps superlu superlu_dist umfpack cholmod klu spqr strumpack mkl_pardiso"""
 _ORDERINGS = "natural nd 1wd rcm qmd rowlength amd metisnd external"
 #: Ways to print, which print on the terminal as long as they have no value.
