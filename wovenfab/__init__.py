@@ -43,7 +43,9 @@ __all__ = [
 
 
 class _MpiFirst:
-    """Loads MPI before the first module that needs its library; finds no module itself.
+    """Loads MPI before the first module that needs its library, and starts PETSc before dolfinx.
+
+    It finds no module itself.
 
     Only what Python has loaded by itself is imported before: with ``python -m`` the current folder
     is still the first in which modules are looked for.
@@ -58,7 +60,7 @@ class _MpiFirst:
 
             require_own_launcher()
         if self.waits and name in ("dolfinx", "petsc4py"):
-            from wovenfab.mpi import load
+            from wovenfab.mpi import load, start_petsc
 
             self.waits = False
             try:
@@ -66,6 +68,8 @@ class _MpiFirst:
             except BaseException:
                 self.waits = True
                 raise
+            if name == "dolfinx":
+                start_petsc()
 
 
 sys.meta_path.insert(0, _MpiFirst())

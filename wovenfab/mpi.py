@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -76,6 +77,17 @@ def _foreign(launcher: str, library: str) -> str:
         f"the ranks were started by the mpirun of {launcher}, but dolfinx was built with "
         f"{library}: start them by {own}, or by --ranks"
     )
+
+
+def start_petsc(options: Sequence[str] = ()) -> None:
+    """Start PETSc with options of a command line, unless it has been started.
+
+    Files of options (``.petscrc``, ``petscrc``) are left out: those in the current folder may have
+    come with a case, and options can run code and write files.
+    """
+    import petsc4py
+
+    petsc4py.init(["wovenfab", "-skip_petscrc", *options])
 
 
 def command_of(name: str) -> str | None:

@@ -103,6 +103,8 @@ def make(folder: Path) -> list[Path]:
         code, said = run(("run", "case.yaml", "-o", name, *more), folder)
         if code:
             raise RuntimeError(said)
+        if (ended := run(("report", name), folder))[0]:
+            raise RuntimeError(ended[1])
         made.append(folder / name)
     return made
 

@@ -77,6 +77,8 @@ ENTRY = "2026-01-02 03:04:05,678 INFO    wovenfab.solver.newton: an earlier run\
         ("notes.log", "2026-01-02 my own notes\n"),
         ("run/history.csv", None),
         ("run/fields/run.log", None),
+        ("run/.wovenfab", None),
+        ("run/.history.csv.part", None),
         ("run", None),
         ("no/run.log", None),
         (".", None),

@@ -259,3 +259,8 @@ def test_clouds_of_several_programs_are_read(
     points, moved = read_cloud(written(f"{head}\n{lines}", tmp_path), Layout(**more))
     np.testing.assert_allclose(points, [[1.5e-3, 2.5e-3], [5.5e-3, 6.5e-3]])
     np.testing.assert_allclose(moved, [[0.25e-3, -0.5e-3], [0.75e-3, 1.5e-3]])
+
+
+def test_a_file_without_an_end_is_refused() -> None:
+    with pytest.raises(CaseError, match="too large"):
+        read_measured(Path("/dev/zero"))

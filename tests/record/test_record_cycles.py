@@ -1,8 +1,10 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wovenfab.record.summary import cycles
+from wovenfab.record.summary import cycles, read_cycles, write_cycles
 
 PERIOD, AMPLITUDE, STIFFNESS, VISCOSITY = 2.0, 0.04, 3e3, 50.0
 SLIDER, DRIFT = 7.0, 1e-3
@@ -127,3 +129,11 @@ def test_what_means_nothing_is_none() -> None:
     still = history | {"displacement_m": 0 * history["time_s"], "energy_J": 0 * history["time_s"]}
     (cycle,) = cycles(still, [(0, 0.75 * PERIOD)])
     assert (cycle.loss_ratio, cycle.secant_stiffness) == (None, None)
+
+
+def test_the_table_has_plain_numbers_whatever_they_were_computed_with(tmp_path: Path) -> None:
+    travel = np.float64(2.0)
+    write_cycles(tmp_path, spring_and_damper(2, 801), TWO, None, travel)
+    rows, found = read_cycles(tmp_path), cycles(spring_and_damper(2, 801), TWO, 2.0)
+    for row, cycle in zip(rows, found, strict=True):
+        assert float(row["secant_stiffness_N_per_m"]) == cycle.secant_stiffness

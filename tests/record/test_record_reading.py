@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -210,3 +211,14 @@ def test_a_checkpoint_that_lacks_something_counts_as_missing(tmp_path: Path) -> 
         file["state"] = json.dumps(state)
     with pytest.raises(NothingToResumeError, match="damaged"):
         newest_checkpoint(tmp_path)
+
+
+def test_a_file_that_never_ends_is_no_file_of_results(tmp_path: Path) -> None:
+    for name, read in ((SUMMARY, read_summary), ("cycles.csv", read_cycles)):
+        (tmp_path / name).symlink_to("/dev/zero")
+        with pytest.raises(UnreadableResultsError, match=name):
+            read(tmp_path)
+        (tmp_path / name).unlink()
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(UnreadableResultsError, match=name):
+            read(tmp_path)

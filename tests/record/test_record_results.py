@@ -9,6 +9,8 @@ from mpi4py import MPI
 from wovenfab.model.assembly import _compiled, cache_folder
 from wovenfab.record.results import (
     FILES,
+    FOLDERS,
+    MARKER,
     ResultsDirectory,
     ResultsExistError,
     is_in_use,
@@ -133,3 +135,27 @@ def test_every_rank_learns_that_results_exist(shared_path: Path) -> None:
     with pytest.raises(ResultsExistError):
         open_results(shared_path / "results")
     assert MPI.COMM_WORLD.allreduce(1) == MPI.COMM_WORLD.size
+
+
+def test_a_file_is_written_whole_beside_links_to_others(tmp_path: Path) -> None:
+    outside = tmp_path / "precious.csv"
+    outside.write_text("mine")
+    for name in ("history.csv", ".history.csv.part"):
+        (tmp_path / name).symlink_to(outside)
+    write_whole(tmp_path / "history.csv", "ours")
+    assert outside.read_text() == "mine"
+    assert (tmp_path / "history.csv").read_text() == "ours"
+    assert not (tmp_path / "history.csv").is_symlink()
+
+
+@pytest.mark.parametrize("name", [*FOLDERS, MARKER])
+def test_a_run_does_not_go_on_where_a_link_leads_elsewhere(name: str, tmp_path: Path) -> None:
+    results, outside = tmp_path / "results", tmp_path / "outside"
+    results.mkdir()
+    (results / MARKER).touch()
+    (results / name).unlink(missing_ok=True)
+    (results / name).symlink_to(outside)
+    for take in (ResultsDirectory.reopen, lambda directory: directory.open(overwrite=True)):
+        with pytest.raises(ResultsExistError):
+            take(ResultsDirectory(results, MPI.COMM_SELF))
+    assert not outside.exists() and (results / name).is_symlink()

@@ -170,3 +170,19 @@ def test_a_cloud_with_another_origin_is_refused_with_both_ranges(
     said = capsys.readouterr().err
     assert "of 200 points" in said and "x from 0 to 900 mm" in said and "x from -4" in said
     assert not (tmp_path / "out").exists()
+
+
+def test_an_export_does_not_follow_links_out_of_the_results(small: Path, tmp_path: Path) -> None:
+    outside = tmp_path / "outside"
+    outside.mkdir()
+    precious = outside / "precious"
+    precious.write_text("mine")
+    (small / "export").symlink_to(outside)
+    assert export_results(small, None, last=True) == 2
+    (small / "export").unlink()
+    (small / "export").mkdir()
+    step = f"step-{read_fields(small).steps[-1]:06d}"
+    for kind in ("vtu", "csv"):
+        (small / "export" / f"{step}.{kind}").symlink_to(precious)
+    assert export_results(small, None, last=True) == 0
+    assert [*outside.iterdir()] == [precious] and precious.read_text() == "mine"

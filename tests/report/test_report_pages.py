@@ -1,5 +1,6 @@
 """Pages need nothing but themselves, and show what there is of a run."""
 
+import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
@@ -14,6 +15,7 @@ from wovenfab.cli.report import report_results
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import ESSENTIAL, BiasExtension, read_history
+from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
 from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
@@ -270,3 +272,19 @@ def test_an_empty_history_is_told_without_a_traceback(
         said = capsys.readouterr().err
         assert said.count(reason) == len(said.splitlines()) == 2
     assert not (tmp_path / "p.html").exists()
+
+
+def test_a_title_is_cut_where_it_would_not_be_read(small: Path) -> None:
+    case = (small / "case.yaml").read_text()
+    (small / "case.yaml").write_text(re.sub(r"title:.*", "title: " + "word " * 50_000, case))
+    source = open_run_data(small)
+    assert source.title.startswith("word word") and len(source.title) < 1000
+
+
+@pytest.mark.parametrize("travel", [1e300, 1e-300])
+def test_a_summary_out_of_all_range_is_damaged(travel: float, small: Path) -> None:
+    summary = json.loads((small / "summary.json").read_text())
+    summary["grip_travel_per_program"] = travel
+    (small / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(UnreadableResultsError, match="grip_travel_per_program"):
+        open_run_data(small)

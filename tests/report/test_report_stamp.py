@@ -104,3 +104,25 @@ def test_a_later_command_is_told_beside_the_first() -> None:
 def test_a_run_without_a_summary_has_pictures_of_this_process(small: Path) -> None:
     (small / "summary.json").unlink()
     assert origin_of(small) == this_process()
+
+
+@pytest.mark.parametrize("kind", ["png", "svg"])
+def test_a_picture_is_not_drawn_through_a_link(kind: str, tmp_path: Path) -> None:
+    outside, picture = tmp_path / "precious", tmp_path / f"loop.{kind}"
+    outside.write_text("mine")
+    picture.symlink_to(outside)
+    save(Figure(), picture)
+    assert outside.read_text() == "mine" and not picture.is_symlink()
+    assert read_provenance(picture) == this_process()
+
+
+def test_a_matplotlibrc_in_the_current_folder_changes_nothing(tmp_path: Path) -> None:
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\naxes.facecolor: red\n")
+    code = (
+        "import matplotlib as mpl; from wovenfab.report.style import house_style\n"
+        "with house_style(): print(mpl.rcParams['text.usetex'], mpl.rcParams['axes.facecolor'])\n"
+        "print(mpl.rcParams['text.usetex'])"
+    )
+    command = [sys.executable, "-P", "-c", code]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["False", "white", "True"]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import os
 import pickle
+import re
 import subprocess
 import sys
 from contextlib import suppress
@@ -15,6 +16,7 @@ import pytest
 from tests.cli.test_commands import CASE
 from tests.sheet.test_gmsh_process import PLATE
 from wovenfab.case import CaseError, read_case
+from wovenfab.case.document import existing_file
 from wovenfab.sheet.errors import GeometryError
 from wovenfab.sheet.geometry_file import GeometryFile, read_geometry
 
@@ -139,6 +141,46 @@ def test_what_the_attacks_change_is_a_sheet_without_them(tmp_path: Path) -> None
     assert len(read_geometry(GeometryFile(tmp_path / "sheet.step", edges=edges)).curves) == 4
 
 
+@pytest.mark.parametrize("name", ["sheet.msh", "sheet.step", "sheet.MSH"])
+@pytest.mark.parametrize("target", ["x.geo", "x.GEO", "x", "x.py"])
+def test_a_name_says_what_is_read_also_of_a_link(name: str, target: str, tmp_path: Path) -> None:
+    (tmp_path / target).write_text(TOUCH + "\n" + PLATE)
+    (tmp_path / name).symlink_to(target)
+    path = tmp_path / "case.yaml"
+    sheet = f"sheet: {{file: {name}, fibres: [45 deg, -45 deg]}}"
+    path.write_text(re.sub(r"^sheet:.*(\n .*)*", sheet, CASE, flags=re.MULTILINE))
+    with pytest.raises(CaseError) as refused:
+        read_case(path)
+    assert "sheet.file" in {problem.key for problem in refused.value.problems}
+
+
+def test_a_link_to_a_file_of_its_kind_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "plate.geo").write_text(PLATE)
+    (tmp_path / "sheet.geo").symlink_to("plate.geo")
+    assert existing_file("sheet.geo", tmp_path, (".geo",)) == (tmp_path / "plate.geo").resolve()
+
+
+#: Files of options that PETSc would read in the current folder.
+OPTION_FILES = {
+    ".petscrc": "-ksp_view_mat ascii:victim\n-log_view :victim\n",
+    "petscrc": "-pc_type python\n-pc_python_type evil.X\n-log_view :victim\n",
+}
+
+
+@pytest.mark.parametrize(
+    "start",
+    ["import wovenfab.interface", "import wovenfab.mpi; wovenfab.mpi.start_petsc(['-a', '1'])"],
+)
+def test_petsc_reads_no_options_of_the_current_folder(start: str, tmp_path: Path) -> None:
+    for name, text in OPTION_FILES.items():
+        (tmp_path / name).write_text(text)
+    code = f"{start}\nfrom petsc4py import PETSc\nprint(*PETSc.Options().getAll())"
+    command = [sys.executable, "-P", "-c", code]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert {*ended.stdout.splitlines()[0].split()} <= {"skip_petscrc", "a"}
+    assert {p.name for p in tmp_path.iterdir()} == {*OPTION_FILES}
+
+
 #: PETSc options by which a case could load code, run it or write files.
 OPTIONS = (
     {"pc_type": "python", "pc_python_type": "x.Y"},
@@ -190,6 +232,9 @@ OPTIONS = (
     {"viewer_binary_filename": "victim"},
     {"saws_port_auto_select": True},
     {"prefix_push": "x"},
+    {"ksp_rtol": "\u0663"},
+    {"ksp_type": "gmres", "ksp_gmres_restart": 999_999_999},
+    {"ksp_type": "cg", "pc_type": "eisenstat"},
 )
 
 

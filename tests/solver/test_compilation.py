@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import fcntl
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -154,3 +156,16 @@ def test_derivatives_along_varying_or_three_directions_are_left_to_ffcx() -> Non
     for other in (along(three, w), along(x, w), along(one, w * x[0]), ufl.grad(w)[0]):
         energy = along(one, w) * along(two, w) * other * ufl.dx
         assert kernels.directions_of(energy) == ()
+
+
+def test_options_in_the_current_folder_change_no_kernel(tmp_path: Path) -> None:
+    (tmp_path / "ffcx_options.json").write_text('{"table_atol": 0.9, "scalar_type": "float32"}')
+    (tmp_path / "dolfinx_jit_options.json").write_text('{"cffi_libraries": ["none-such"]}')
+    code = (
+        "import ffcx, dolfinx.jit; from wovenfab.model import assembly\n"
+        "print(ffcx.get_options(assembly.form_options())['table_atol'])\n"
+        "print(dolfinx.jit.get_options(assembly.jit_options())['cffi_libraries'])"
+    )
+    command = [sys.executable, "-P", "-c", code]
+    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert ended.stdout.split() == ["1e-09", "None"]

@@ -64,12 +64,19 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
         raise wrong(f"expected the name of a file, got {describe(value)}")
     if suffixes and Path(value).suffix.lower() not in suffixes:
         raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
+    path: Path | None = None
     with suppress(OSError, ValueError):  # such as a name that is too long
-        path = (folder / value).resolve()
-        if path.is_file() if suffixes else path.is_dir():
-            return path
-    kind = "file" if suffixes else "folder"
-    raise wrong(f"there is no {kind} {describe(value)}", "Names are relative to the case file.")
+        found = (folder / value).resolve()
+        if found.is_file() if suffixes else found.is_dir():
+            path = found
+    if path is None:
+        kind = "file" if suffixes else "folder"
+        raise wrong(f"there is no {kind} {describe(value)}", "Names are relative to the case file.")
+    if suffixes and path.suffix.lower() != Path(value).suffix.lower():
+        # the name must say what is read: a .geo is a program
+        what = f"{describe(value)} is a link to {describe(path.name)}"
+        raise wrong(what, "Name that file itself.")
+    return path
 
 
 def folder_of(info: ValidationInfo) -> Path:

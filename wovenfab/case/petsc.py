@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 _SOLVERS = """preonly cg cgne cr fcg pipecg groppcg minres symmlq gmres fgmres lgmres dgmres gcr
     bcgs bcgsl fbcgs ibcgs tfqmr tcqmr cgs lsqr richardson chebyshev"""
 _PRECONDITIONERS = """none jacobi sor bjacobi pbjacobi asm gasm ilu icc lu cholesky gamg redundant
-    telescope ksp eisenstat kaczmarz svd qr"""
+    telescope ksp kaczmarz svd qr"""
 _PACKAGES = """petsc mumps superlu superlu_dist umfpack cholmod klu spqr strumpack mkl_pardiso"""
 _ORDERINGS = "natural nd 1wd rcm qmd rowlength amd metisnd external"
 #: Ways to print, which print on the terminal as long as they have no value.
@@ -45,7 +45,9 @@ _WORDS: Mapping[str, str] = {
     "snes_type": "newtonls",
     "snes_linesearch_type": "basic",
 }
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
+#: Numbers for which PETSc takes memory, where it ends the process if there is not enough.
+_LARGEST = {"ksp_gmres_restart": 10_000}
 _SWITCH = ("true", "false", "yes", "no", "on", "off", "")
 
 
@@ -72,6 +74,8 @@ def _fault(name: str, text: str) -> str:
         return "" if text == "" else f"in a case it can be '' (to print), not {text!r}"
     if _NUMBERS.fullmatch(name) or _MUMPS.fullmatch(name):
         fits = text in _SWITCH or _NUMBER.fullmatch(text)
+        if fits and name in _LARGEST and text not in _SWITCH and float(text) > _LARGEST[name]:
+            return f"is at most {_LARGEST[name]} in a case, not {text}"
         return "" if fits else f"expected a number, true or false, got {text!r}"
     return (
         "is no option that a case may have: those act on the linear solver (ksp_type, pc_type, "

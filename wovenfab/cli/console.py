@@ -268,7 +268,8 @@ def require_log(file: Path, directory: Path) -> None:
     remedy = "Choose another file, such as run.log."
     if place.is_dir() or results.is_relative_to(place):
         raise refusal("--log", f"{file} is a folder", remedy)
-    if place.is_relative_to(results) and place.relative_to(results).parts[0] in {*FILES, *FOLDERS}:
+    inside = place.relative_to(results).parts[0] if place.is_relative_to(results) else ""
+    if inside in {*FILES, *FOLDERS} or inside.startswith("."):  # such as the marker and its lock
         raise refusal("--log", f"{file} is a file of the results", remedy)
     if place.exists():
         writable = os.access(place, os.W_OK)

@@ -150,6 +150,7 @@ def export_results(
         layout: What is said of the cloud's file.
     """
     from wovenfab.measured.cloud import read_cloud
+    from wovenfab.record.results import is_link
     from wovenfab.report.export import FOLDER, chosen_times, compare, export, write_distances
     from wovenfab.report.run_data import largest, open_run_data, stored_of
     from wovenfab.report.style import house_style, millimetres
@@ -167,6 +168,8 @@ def export_results(
         texts = at.split(",") if at else []
         times = chosen_times(source, stored, texts, every, last)
         folder = output or directory / FOLDER
+        if output is None and folder.is_symlink():
+            raise ValueError(is_link(folder))
         if cloud is None:
             folder.mkdir(parents=True, exist_ok=True)
             for index in times:

@@ -28,7 +28,7 @@ from wovenfab.cli.console import (
     is_launched,
     require_log,
 )
-from wovenfab.mpi import on_ranks
+from wovenfab.mpi import on_ranks, start_petsc
 from wovenfab.parallel import ending_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
@@ -108,7 +108,7 @@ def run_case(
         try:
             open_log = configure_log(verbosity, log_file, console.log, is_first_rank())
             console.progress(Progress("loading"))
-            _start_petsc(petsc)
+            start_petsc(petsc)  # before anything else does
             from wovenfab.interface import Listener, execute
 
             watch.seconds["import"] = time.perf_counter() - started
@@ -178,13 +178,6 @@ def _cannot_write(error: OSError, directory: Path, begun: bool) -> str:
 def _has_begun(watch: Stopwatch) -> bool:
     """Return whether a step was tried."""
     return "first step" in watch.seconds
-
-
-def _start_petsc(options: Sequence[str]) -> None:
-    """Hand PETSc its command line before anything else starts it."""
-    import petsc4py
-
-    petsc4py.init([sys.argv[0], *options])
 
 
 def _report(console: Console, summary: Mapping[str, Any], directory: Path) -> None:

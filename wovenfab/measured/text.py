@@ -50,9 +50,10 @@ def read_text(path: Path) -> Text:
         CaseError: It cannot be read, is too large or is no text.
     """
     try:
-        if path.stat().st_size > LARGEST:
+        with path.open("rb") as file:
+            raw = file.read(LARGEST + 1)
+        if len(raw) > LARGEST:
             raise refusal(str(path), "this is too large for a measured file (more than 50 MB)")
-        raw = path.read_bytes()
     except OSError as error:
         raise refusal(str(path), f"the file cannot be read: {error.strerror}") from error
     except ValueError as error:

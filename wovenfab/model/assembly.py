@@ -23,7 +23,8 @@ import ufl
 from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
-from dolfinx.jit import ffcx_jit
+from dolfinx.jit import DOLFINX_DEFAULT_JIT_OPTIONS, ffcx_jit
+from ffcx.options import FFCX_DEFAULT_OPTIONS
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -152,12 +153,28 @@ PATIENCE = 10
 
 
 def jit_options() -> dict[str, Any]:
-    """Return the options of dolfinx's just-in-time compiler."""
+    """Return all options of dolfinx's just-in-time compiler.
+
+    None is left to dolfinx_jit_options.json, which may lie in the current folder.
+    """
+    defaults = {name: value for name, (value, _) in DOLFINX_DEFAULT_JIT_OPTIONS.items()}
     return {
+        **defaults,
         "cffi_extra_compile_args": list(FLAGS),
         "cache_dir": str(cache_folder()),
         "timeout": PATIENCE,
     }
+
+
+def form_options() -> dict[str, Any]:
+    """Return all options of FFCx; none is left to ffcx_options.json in the current folder."""
+    defaults = {name: value for name, (_, value, *_) in FFCX_DEFAULT_OPTIONS.items()}
+    return {**defaults, "scalar_type": default_scalar_type}
+
+
+def _options() -> dict[str, Any]:
+    """Return the arguments of dolfinx's functions that compile."""
+    return {"form_compiler_options": form_options(), "jit_options": jit_options()}
 
 
 def _compiled[T](compile_it: Callable[[], T]) -> T:
@@ -207,11 +224,10 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
     No two ranks compile the same kernel: FFCx would let one wait for the other in steps of a
     second.
     """
-    options = {"scalar_type": default_scalar_type}
 
     def compile_share() -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
-            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, options, jit_options()))
+            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, form_options(), jit_options()))
 
     each_its_own(comm, compile_share)
 
@@ -250,7 +266,7 @@ def compile_forms(forms: Sequence[Any], comm: MPI.Comm) -> list[fem.Form]:
     """
     if comm.size > 1:
         _precompile(forms, comm)
-    return [_compiled(partial(fem.form, form, jit_options=jit_options())) for form in forms]
+    return [_compiled(partial(fem.form, form, **_options())) for form in forms]
 
 
 def compile_form(form: Any) -> fem.Form:
@@ -276,8 +292,7 @@ def compile_expressions(
     comm = extract_unique_domain(expressions[0]).ufl_cargo().comm
     if comm.size > 1:
         _precompile([(expression, points) for expression in expressions], comm)
-    options = jit_options()
     return [
-        _compiled(partial(fem.Expression, expression, points, jit_options=options))
+        _compiled(partial(fem.Expression, expression, points, **_options()))
         for expression in expressions
     ]

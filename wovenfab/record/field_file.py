@@ -25,6 +25,7 @@ from wovenfab.record.results import (
     CHECKPOINT,
     EARLIER_CHECKPOINT,
     NothingToResumeError,
+    is_link,
     write_whole,
 )
 
@@ -134,6 +135,8 @@ class FieldFile:
             mesh.create_dataset("points", data=_padded(points), **_PACK).attrs["unit"] = "m"
             mesh.create_dataset(cells.name, data=cells.connectivity, **_PACK)
 
+        if self._folder.is_symlink():
+            raise UnreadableResultsError(is_link(self._folder))
         self._folder.mkdir(exist_ok=True)
         write_whole(self._folder / MESH, hdf5_image(fill))
         for path in _files_in(self._folder):
@@ -308,6 +311,8 @@ def opened(path: Path) -> Iterator[h5py.File]:
     """
     if not path.exists():
         raise damaged(path, "the file is missing")
+    if not path.is_file():
+        raise damaged(path, "this is no ordinary file")
     try:
         with h5py.File(path, "r", **UNLOCKED) as file:
             yield file
@@ -417,7 +422,7 @@ def _checkpoint(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> Checkp
         run = checkpoint.values.get("run", _RUN)  # the states of studies have none
         plain = isinstance(checkpoint.step, int) and isinstance(checkpoint.time, float | int)
         parts = {"stepper", "case", "chosen"} <= {*checkpoint.values}
-        parts = parts and _RUN <= {*run}
+        parts = parts and {*run} >= _RUN
         return checkpoint if plain and parts and len(program) == 4 else None
     except (TypeError, LookupError, ValueError, AttributeError, RecursionError):
         return None

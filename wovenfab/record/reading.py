@@ -34,6 +34,8 @@ def text_of(path: Path, lines: int | None = None) -> str:
         FileNotFoundError: It is not there.
         UnreadableResultsError: It is no text.
     """
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise damaged(path, "this is no ordinary file")
     try:
         with path.open("rb") as file:
             whole = file.read() if lines is None else b"".join(islice(file, lines))

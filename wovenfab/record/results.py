@@ -191,6 +191,11 @@ class ResultsDirectory:
 
     def _take(self, new: bool = False) -> None:
         """Lock the marker, which a ``new`` directory must not have yet."""
+        for path in (self.path / name for name in (MARKER, *FOLDERS)):
+            if path.is_symlink():
+                raise ResultsExistError(is_link(path))
+            if path.exists() and path.is_file() != (path.name == MARKER):
+                raise ResultsExistError(f"{path} is not what wovenfab writes: remove it")
         try:
             self._lock = (self.path / MARKER).open("x" if new else "a", encoding="utf-8")
             if not lock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB):
@@ -228,6 +233,11 @@ def require_free(path: str | Path, overwrite: bool = False, comm: MPI.Comm | Non
     on_root(world() if comm is None else comm, lambda: _refuse(Path(path), overwrite))
 
 
+def is_link(path: Path) -> str:
+    """Return why nothing is written to a link in a results directory, which leads elsewhere."""
+    return f"{path} is a link, and results are not written elsewhere: put the file itself there"
+
+
 def write_whole(path: Path, content: str | bytes) -> None:
     """Replace a file in one operation: a reader sees the old content or the new one.
 
@@ -236,7 +246,8 @@ def write_whole(path: Path, content: str | bytes) -> None:
     part = path.with_name(f".{path.name}.part")
     data = content.encode() if isinstance(content, str) else content
     try:
-        with part.open("wb") as file:
+        part.unlink(missing_ok=True)
+        with part.open("xb") as file:  # of its own, never what a link there leads to
             file.write(data)
             file.flush()
             os.fsync(file.fileno())

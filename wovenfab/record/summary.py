@@ -324,9 +324,8 @@ def _shear(
 def _cell(value: Figure) -> str:
     if value is None:
         return ""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return repr(float(value)) if isinstance(value, float) else str(value)  # also a number of numpy
+    plain = value.item() if isinstance(value, np.generic) else value  # no np.float64(1.0)
+    return str(plain).lower() if isinstance(plain, bool) else repr(plain)
 
 
 def _plain(value: Any) -> Any:

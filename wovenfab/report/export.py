@@ -99,6 +99,7 @@ def export(stored: StoredFields, index: int, folder: Path) -> list[Path]:
         grid[name] = values if flat else np.column_stack([values, np.zeros(len(values))])
     grid.field_data["TimeValue"] = [float(stored.times[index])]
     paths = [folder / f"step-{stored.steps[index]:06d}.{kind}" for kind in ("vtu", "csv")]
+    paths[0].unlink(missing_ok=True)  # it may be a link to elsewhere
     grid.save(paths[0])
     place = {"x_m": points[:, 0], "y_m": points[:, 1]}
     write_csv(paths[1], rows_of(place | stored.columns(index)))

@@ -23,7 +23,7 @@ from wovenfab.plain_text import one_line, printable
 from wovenfab.record.field_file import ERROR, FIELDS, MODE
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.reading import UnreadableResultsError
-from wovenfab.record.results import Provenance
+from wovenfab.record.results import Provenance, write_whole
 from wovenfab.record.summary import window
 from wovenfab.report import sheet
 from wovenfab.report.curves import force_axes, loop, path
@@ -191,14 +191,17 @@ def animate(source: RunData, stored: StoredFields, target: Path, origin: Provena
     frames = _frames(source, stored, [int(index) for index in shown], span)
     shares = np.diff(stored.times[shown]) / (span[1] - span[0]) if len(shown) > 1 else np.ones(1)
     frames = frames[: len(shares)]  # the last one is the first one of the next round
+    data = io.BytesIO()
     frames[0].save(
-        target,
+        data,
+        format="gif",
         save_all=True,
         append_images=frames[1:],
         duration=[max(20, round(1e3 * DURATION * share)) for share in shares],
         loop=0,
         comment=gif_comment(origin),
     )
+    write_whole(target, data.getvalue())
     return target
 
 

@@ -24,6 +24,8 @@ from wovenfab.report.style import millimetres
 
 #: Name of the file of the case.
 CASE = "case.yaml"
+#: Characters of a title that are drawn, which takes long for thousands.
+LONGEST_TITLE = 300
 
 
 @dataclass(frozen=True)
@@ -81,6 +83,8 @@ def open_run_data(directory: str | Path) -> RunData:
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
     travel = summary.get("grip_travel_per_program", 1.0)
     title = one_line(str(case.get("title") or folder.resolve().name))
+    if len(title) > LONGEST_TITLE:
+        title = f"{title[:LONGEST_TITLE]}…"
     fibres = _fibres(case, folder / CASE)
     return RunData(folder, title, fibres, history, cycles(history, spans, travel), summary)
 
@@ -114,7 +118,7 @@ class _Summary(TypedDict):
     cycles: list[_Cycle]
     losses_of_stability: NotRequired[list[_Loss]]
     saddles: NotRequired[int]
-    grip_travel_per_program: NotRequired[Annotated[float, Field(gt=0)]]
+    grip_travel_per_program: NotRequired[Annotated[float, Field(gt=1e-12, lt=1e12)]]
     command: NotRequired[str | None]
     commit: NotRequired[str | None]
 

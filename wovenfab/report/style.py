@@ -23,7 +23,7 @@ from PIL import Image, PngImagePlugin
 
 from wovenfab import __version__
 from wovenfab.record.fields import StoredFields
-from wovenfab.record.results import Provenance, this_process
+from wovenfab.record.results import Provenance, this_process, write_whole
 
 MAKER = f"wovenfab {__version__}"
 Values = NDArray[np.float64]
@@ -143,7 +143,9 @@ FIELD_STYLES = {
 @contextmanager
 def house_style() -> Iterator[None]:
     """Draw in the house style, without a display, and leave the user's settings alone."""
-    with mpl.rc_context(_SETTINGS):
+    with mpl.rc_context():
+        mpl.rcdefaults()  # a matplotlibrc, as in the current folder, could run LaTeX
+        mpl.rcParams.update(_SETTINGS)
         yield
 
 
@@ -279,7 +281,9 @@ def save(figure: Figure, path: Path, origin: Provenance | None = None, dpi: floa
     if path.suffix != ".svg":
         raise ValueError(f"pictures are .png or .svg, not {path.suffix}")
     about = {"Creator": MAKER, "Source": origin.command, "Identifier": origin.commit}
-    figure.savefig(path, metadata={"Date": None, **about})
+    text = io.BytesIO()
+    figure.savefig(text, format="svg", metadata={"Date": None, **about})
+    write_whole(path, text.getvalue())
     return path
 
 
@@ -288,7 +292,9 @@ def write_png(picture: Image.Image, path: Path, origin: Provenance) -> Path:
     about = PngImagePlugin.PngInfo()
     for name, value in _metadata(origin).items():
         about.add_text(name, value)
-    _with_palette(picture.convert("RGB")).save(path, optimize=True, pnginfo=about)
+    data = io.BytesIO()
+    _with_palette(picture.convert("RGB")).save(data, format="png", optimize=True, pnginfo=about)
+    write_whole(path, data.getvalue())
     return path
 
 
