@@ -316,7 +316,7 @@ class NewtonSolver:
             reason = self._convergence.reason(
                 residual,
                 self.problem.force_norm,
-                self.line_search.decrement,
+                None if self.problem.point_stress else self.line_search.decrement,
                 self.line_search.potential or 0.0,
                 self._left if self._reuse.taken else None,
             )
