@@ -22,6 +22,7 @@ from wovenfab.case import Case, Cycles, Ramp
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.simulation.progress import InterruptedRunError
 from wovenfab.simulation.simulation import Outcome, Simulation
 from wovenfab.stepping.step import Step
 
@@ -215,6 +216,7 @@ def response_of(
         TooLongError: If it is given up.
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
+        InterruptedRunError: If a signal ends it.
     """
     every = case.time.tolerance is not None
     steps: list[Step] = []
@@ -256,6 +258,8 @@ def response_of(
         spend()
         if outcome.failure is not None:
             raise outcome.failure
+        if outcome.signal:
+            raise InterruptedRunError(outcome.signal)
         field[:] = at_peak
     return Response(tuple(steps), outcome, simulation.model, states)
 
