@@ -118,7 +118,7 @@ NOTHING = 1e-6
 #: Time to form and solve with a tangent over its unknowns to the power of growth, on two processors
 #: of the machine of ``check``, s. It is so within a factor of two for one and two placements of
 #: degree 2 to 5, with and without friction.
-TANGENT, GROWTH = 2e-6, 1.2
+TANGENT, GROWTH = 1.5e-6, 1.2
 
 
 class Budget:
