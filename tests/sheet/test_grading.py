@@ -50,6 +50,29 @@ def test_a_graded_mesh_has_no_gaps(name: str, angles: Angles, how: Grading) -> N
         assert there < 1.01 * how.points.ratio**how.points.count * before.max()
 
 
+@pytest.mark.parametrize("how", [BONDED, STICKING])
+def test_rings_at_narrow_corners_are_no_smaller_than_elsewhere(how: Grading) -> None:
+    """A fibre 1.4 degrees from an edge leaves a corner cell that is small and flat already."""
+    outline = SHAPES["rectangle"]
+    lines, _, coarse = lines_and_mesh(outline, fibres_at((-1.4, -91.4)), 0.1)
+    alone = Grading(how.points, Layers(0), Layers(0))
+    points, cells = graded(*coarse, outline, (HOLDS, HOLDS), lines, alone)
+
+    def sides_at_corners(points: NDArray[np.float64], cells: NDArray[np.int64]) -> list[float]:
+        """Return the longest side of each cell with a singular point as corner, m."""
+        corners = singular_points(outline, (HOLDS, HOLDS))
+        at = (np.linalg.norm(points[:, None] - corners, axis=2) < 1e-9).any(axis=1)
+        beside = points[cells[at[cells].any(axis=1)]]
+        sides = np.linalg.norm(beside - np.roll(beside, 1, axis=1), axis=2)
+        return list(map(float, sides.max(axis=1)))
+
+    before = np.linalg.norm(coarse[0][coarse[1]] - coarse[0][np.roll(coarse[1], 1, 1)], axis=2)
+    wanted = how.points.ratio**how.points.count * before.max()
+    smallest = min(sides_at_corners(*coarse))
+    assert smallest < 0.1 * before.max()
+    assert min(sides_at_corners(points, cells)) > 0.99 * min(wanted / 2, smallest)
+
+
 def test_a_layer_around_a_point_repeats_its_cells_in_small() -> None:
     points = np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])
     nodes, cells = shrunk(points, np.array([[0, 1, 2]]), np.array([True, False, False]))

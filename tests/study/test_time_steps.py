@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from math import inf
+from signal import SIGTERM
 
 import pytest
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Case, Cycles, Ramp, read_case
+from wovenfab.simulation.progress import InterruptedRunError
 from wovenfab.simulation.response import (
+    Budget,
     TooLongError,
     missed_peak,
     peak_of_spline,
@@ -17,7 +20,9 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
+from wovenfab.solver.newton import NewtonSolver
 from wovenfab.stepping.program import program_of_case
+from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,
@@ -122,6 +127,47 @@ def test_a_trial_is_given_up_once_its_steps_take_more_tangents_than_another_kind
     assert not lines  # no trial got to its end, and none of more steps was begun
     with pytest.raises(TooLongError, match=r"more than 10 tangents in [1-9] steps"):
         response_of(case, on, tangents=10)
+
+
+def test_what_trials_take_is_told_by_their_tangents_and_not_by_a_clock() -> None:
+    case = case_of("elastic-1x3", "program={type: ramp, to: 20 mm, steps: 4}", elements(2, 0.15))
+    on, twice = sheet(case), [Budget(), Budget()]
+    runs = [response_of(case, on, budget=budget) for budget in twice]
+    assert twice[0].spent == twice[1].spent > 0
+    least = Budget()
+    least.spend(runs[0].outcome.tangents, runs[0].model.unknowns)
+    assert least.spent <= twice[0].spent * (1 + 1e-9)
+    short = Budget(twice[0].spent / 2)
+    with pytest.raises(TooLongError, match=r"after [1-3] steps"):
+        response_of(case, on, budget=short)
+    assert short.limit < short.spent < twice[0].spent
+
+
+def test_what_a_trial_that_fails_has_taken_counts_too() -> None:
+    case = case_of(
+        "elastic-1x3", "program={type: ramp, to: 20 mm, steps: 1}", elements(2, 0.15),
+        "time.smallest_step=1.0", "solver.max_iterations=2",
+    )  # fmt: skip
+    budget = Budget()
+    with pytest.raises(StepFailedError):
+        response_of(case, sheet(case), budget=budget)
+    assert budget.spent > 0
+
+
+def test_a_trial_that_a_signal_ends_is_no_response(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its steps so far were compared with all of the others, and the worse mesh was taken."""
+    case = case_of("elastic-1x3", "program={type: ramp, to: 20 mm, steps: 4}", elements(2, 0.15))
+    formed, form = [0], NewtonSolver.form_tangent
+
+    def interrupted(self: NewtonSolver, x: object) -> None:
+        formed[0] += 1
+        if formed[0] == 3:
+            raise InterruptedRunError(SIGTERM)
+        form(self, x)
+
+    monkeypatch.setattr(NewtonSolver, "form_tangent", interrupted)
+    with pytest.raises(InterruptedRunError):
+        response_of(case, sheet(case))
 
 
 def test_trials_with_as_many_steps_as_before_are_not_compared() -> None:

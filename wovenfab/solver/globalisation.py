@@ -331,7 +331,7 @@ class Convergence:
         self,
         residual: float,
         force: float,
-        decrement: float,
+        decrement: float | None,
         energy: float,
         left: float | None = None,
     ) -> int | None:
@@ -341,20 +341,29 @@ class Convergence:
         a step of relative energy ``tolerance`` leaves its square. With an older tangent it is
         linear: the next step would gain as much less as forces have become smaller, squared.
 
+        Rounding at a few stiff nodes, as those of a sliver, may exceed all other forces, whose
+        balance the residual then does not show. It has next to no energy, so that the decrement
+        judges alone.
+
         Args:
             residual: Norm of the forces that do not balance, N.
             force: Norm of the internal force, N.
-            decrement: That of the last step if it was a full one, otherwise infinite, J.
+            decrement: That of the last step if it was a full one, otherwise infinite, J; None
+                where it is not measured.
             energy: Potential, J.
             left: Share of the residual that the last step left, if its tangent was an older one.
         """
         largest = max(self._force, force)
-        if residual <= max(self._tolerance * largest, self._blur * self._stiffness):
+        small, rounding = np.sqrt(self._tolerance) * largest, self._blur * self._stiffness
+        enough = rounding if decrement is None else min(rounding, small)
+        if residual <= max(self._tolerance * largest, enough):
             return int(Reason.CONVERGED_FNORM_RELATIVE)
+        if decrement is None:
+            return None
         least = self._tolerance * self.scale_of(energy)
         if left is not None:
             decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
-        if decrement <= least and residual <= np.sqrt(self._tolerance) * largest:
+        if decrement <= least and residual <= max(small, rounding):
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None
 

@@ -75,6 +75,7 @@ class NewtonSolver:
         spectrum: Eigenvalues of the tangent.
         step: The last step that was judged, before it was shortened, at own unknowns, m.
         tangents: Number of iterations of the last solve that formed a tangent.
+        formed: Number of tangents that were formed so far, for whatever purpose.
         norm: Norm of the residual force at the last iterate, N.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
         on_iteration: Called at each iterate, on every rank; what it raises ends the solve.
@@ -102,7 +103,7 @@ class NewtonSolver:
         self.problem, self.options, self.linear, self.crossing = problem, options, linear, crossing
         self.solution = problem.residual.duplicate()
         self._matrix = matrix
-        self.norm, self.tangents, self.saddle_at_start = 0.0, 0, False
+        self.norm, self.tangents, self.formed, self.saddle_at_start = 0.0, 0, 0, False
         # The last solution, where the solve began, where the tangent was formed, the last step.
         self._before, self._began, self._assembled, self.step = np.zeros(
             (4, self.solution.getLocalSize())
@@ -205,6 +206,7 @@ class NewtonSolver:
 
     def form_tangent(self, x: Any) -> None:
         """Assemble the tangent at given unknowns."""
+        self.formed += 1
         self.problem.load(x)
         self._assembled[:] = x.array_r
         size = self.problem.evaluate_tangent(self._matrix)
@@ -316,7 +318,7 @@ class NewtonSolver:
             reason = self._convergence.reason(
                 residual,
                 self.problem.force_norm,
-                self.line_search.decrement,
+                None if self.problem.point_stress else self.line_search.decrement,
                 self.line_search.potential or 0.0,
                 self._left if self._reuse.taken else None,
             )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import copysign, inf, log
+from math import copysign, log
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,7 @@ from wovenfab.record.results import write_whole
 from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.response import (
+    Budget,
     Response,
     peak_of_spline,
     prolongated,
@@ -198,7 +199,7 @@ def response_with_degree(
     degree: int,
     share: float = FEW,
     lower: Response | None = None,
-    seconds: float = inf,
+    budget: Budget | None = None,
 ) -> Response:
     """Return the response of a case with another degree and a share of its steps; collective.
 
@@ -206,7 +207,7 @@ def response_with_degree(
     after so many seconds of wall time.
     """
     trial = with_elements(with_steps(case, share), degree=degree)
-    return response_of(trial, sheet, lower, with_states=True, seconds=seconds)
+    return response_of(trial, sheet, lower, with_states=True, budget=budget)
 
 
 @dataclass(frozen=True)

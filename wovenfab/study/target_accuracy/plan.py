@@ -6,7 +6,6 @@ import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf
-from time import perf_counter
 
 from mpi4py import MPI
 
@@ -16,6 +15,8 @@ from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import memory, memory_of_machines
 from wovenfab.simulation.response import (
+    GROWTH,
+    Budget,
     Response,
     TooLongError,
     has_fixed_steps,
@@ -33,7 +34,6 @@ from wovenfab.study.target_accuracy.estimate import (
 )
 from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
 from wovenfab.study.target_accuracy.trials import (
-    GROWTH,
     Limits,
     Mesher,
     Trial,
@@ -64,8 +64,9 @@ HARMLESS = 0.1
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
 WITHOUT_ERROR = 20
-#: Time of all trials of elements without compiling (s): for an accuracy that is usual, so that the
-#: answer comes within a minute, and at most.
+#: Time that the tangents of all trials of elements usually take (s): for an accuracy that is usual,
+#: so that the answer comes within a minute, and at most. No clock is asked: a busy machine chooses
+#: the same elements.
 USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
@@ -214,7 +215,8 @@ class _MeshSearch:
         may_cut: Whether steps may be cut.
         graded: Whether the mesh is graded, or None for as usual.
         best: The best elements so far.
-        seconds: Wall time of the steps of the last mesh, without compiling.
+        seconds: Time that the tangents of the last mesh usually take, s.
+        last: The same of the last trial, s.
     """
 
     case: Case
@@ -229,6 +231,7 @@ class _MeshSearch:
     graded: bool | None = None
     best: Plan | None = None
     seconds: float = 0.0
+    last: float = 0.0
 
     def run(self) -> Plan:
         """Return the elements that are accurate enough, or the best; collective."""
@@ -237,7 +240,6 @@ class _MeshSearch:
         trials: list[Trial] = []
         self.graded = self.start.graded or None
         while True:
-            start = perf_counter()
             size = shorter_side(self.sheet) / cells
             trial = with_cells(self.case, size, graded=self.graded)
             sheet = self.mesher(trial, self.sheet.mesh.comm)
@@ -249,7 +251,6 @@ class _MeshSearch:
             try:
                 error = self._error(trial, sheet, self._left(trials), lowest)
             except (StepFailedError, StabilityLostError) as problem:
-                self.seconds = perf_counter() - start
                 failure = f"no trial got to its end: {problem}"
             except TooLongError:
                 reason = f"trials of {unknowns} unknowns take longer than allowed"
@@ -260,7 +261,7 @@ class _MeshSearch:
             if not has_free_size(self.case):
                 reason = failure or "the mesh is given, so that only degrees could be tried"
                 break
-            trials.append(Trial(cells, unknowns, _slowest(sheet, self.seconds), error))
+            trials.append(Trial(cells, unknowns, self.seconds, error))
             if self._should_grade(error):
                 self._grade(sum(t.seconds for t in trials))
                 lowest, trials = DEGREES[0], []
@@ -333,14 +334,14 @@ class _MeshSearch:
         return much and not self.graded and could_stick(self.case)
 
     def _expected(self, lower: Response, unknowns: int) -> float:
-        """Return about how long the trials of a mesh will have taken with one more, s; collective.
+        """Return about how long the trials of a mesh will have taken with one more, s.
 
         Args:
             lower: The last response.
             unknowns: Of the next one.
         """
-        growth = (unknowns / lower.model.unknowns) ** GROWTH
-        return _slowest(self.sheet, self.seconds + lower.seconds * growth)
+        growth: float = (unknowns / lower.model.unknowns) ** GROWTH
+        return self.seconds + self.last * growth
 
     def _response(
         self, trial: Case, sheet: Sheet, degree: int, lower: Sequence[Response], left: float
@@ -360,16 +361,16 @@ class _MeshSearch:
         if must_be_equal:
             whole = short.time.model_copy(update={"smallest_step": 1.0})
             short = short.model_copy(update={"time": whole})
-        before, start = lower[-1] if lower else None, perf_counter()
-        seconds = left - _slowest(sheet, self.seconds)
+        before, budget = lower[-1] if lower else None, Budget(left - self.seconds)
         try:
-            response = response_with_degree(short, sheet, degree, self.share, before, seconds)
+            response = response_with_degree(short, sheet, degree, self.share, before, budget)
         except StepFailedError:
-            self.seconds += perf_counter() - start
             if must_be_equal:
                 return None
             raise
-        self.seconds += response.seconds
+        finally:
+            self.seconds += budget.spent
+            self.last = budget.spent
         return None if must_be_equal and response.outcome.cutbacks else response
 
     def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
@@ -392,11 +393,6 @@ class _MeshSearch:
         ):
             self.best = Plan(case, sheet, estimate)
         return error
-
-
-def _slowest(sheet: Sheet, seconds: float) -> float:
-    """Return the longest time of all ranks, so that all decide alike; collective."""
-    return float(sheet.mesh.comm.allreduce(seconds, op=MPI.MAX))
 
 
 def _unknowns(case: Case, sheet: Sheet, degree: int) -> int:

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import chain
 from math import inf
-from time import perf_counter
 
 import numpy as np
 from mpi4py import MPI
@@ -22,6 +21,7 @@ from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import scheme_of, sheet_of
 from wovenfab.simulation.response import (
+    Budget,
     Response,
     TooLongError,
     has_fixed_steps,
@@ -169,10 +169,10 @@ class StepSearch:
             report: Called with a line on each trial.
             known: Kind and number of the steps that a neighbouring scene needed: they are tried
                 first, and taken if they are enough.
-            patience: Wall time of all trials after which one is given up, s.
+            patience: Usual time of the tangents of all trials after which one is given up, s.
             mesher: Returns the sheet of a case.
         """
-        self._left = patience
+        self._budget = Budget(patience)
         # How much later the force is largest with the elements of the run (s), and the figures of
         # trials over those of the run: errors of steps are as large, but over smaller figures.
         self._delay, self._larger = 0.0, dict[str, float]()
@@ -342,7 +342,7 @@ class StepSearch:
         It is given up after so many tangents, ``most``.
         """
         if (kind, number) not in self._tried and kind not in self._given_up:
-            response, start, comm = None, perf_counter(), self._sheet.mesh.comm
+            response = None
             try:
                 response = self._run(kind(self._trial, number), most)
                 tangents = response.outcome.tangents
@@ -351,14 +351,13 @@ class StepSearch:
                 self._given_up.add(kind)
             except (StepFailedError, StabilityLostError):
                 pass  # with more steps it may get to its end
-            self._left -= float(comm.allreduce(perf_counter() - start, op=MPI.MAX))
             self._tried[kind, number] = response
         return self._tried.get((kind, number))
 
     def _run(self, case: Case, most: float = inf) -> Response:
         """Return the response of a case with the elements of trials; collective."""
         response = response_of(
-            case, self._sheet, seconds=self._left, tangents=most, model=self._model
+            case, self._sheet, budget=self._budget, tangents=most, model=self._model
         )
         self._model = response.model
         return response

@@ -14,7 +14,7 @@ from wovenfab.case import Case
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.from_case import follows_fibres
 from wovenfab.simulation.progress import memory
-from wovenfab.simulation.response import with_elements
+from wovenfab.simulation.response import GROWTH, with_elements
 from wovenfab.simulation.simulation import Simulation
 
 #: Returns the sheet of a case; collective over the communicator.
@@ -23,8 +23,8 @@ Mesher = Callable[[Case, MPI.Comm], Sheet]
 #: Least, usual and largest order of an error in the size of cells; where it is judged whether
 #: an accuracy is out of reach, the usual one is the least.
 SLOW, USUAL, FAST = 2.0, 3.0, 4.0
-#: Growth of unknowns with the number of cells across, least and largest; of time with unknowns.
-LINE, AREA, GROWTH = 1.0, 2.0, 1.2
+#: Growth of unknowns with the number of cells across, least and largest.
+LINE, AREA = 1.0, 2.0
 #: Share of the target that finer cells aim at, so that they do not just miss it.
 MARGIN = 0.8
 #: Largest growth of the number of cells, and that where a trial did not reach its end.
@@ -35,7 +35,7 @@ SEARCH_GROWTH = 1.05
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the trials.
+    """Limits of the trials; times are those that their tangents usually take.
 
     Attributes:
         memory: Of the run, bytes.
@@ -55,7 +55,7 @@ class Trial:
     Attributes:
         cells: Across the shorter side of the sheet.
         unknowns: Of the elements by which meshes are compared.
-        seconds: Their wall time.
+        seconds: Time that their tangents usually take.
         error: Of the best elements; None where none reached the end.
     """
 
