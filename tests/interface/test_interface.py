@@ -225,7 +225,7 @@ def test_a_run_goes_on_where_its_files_were_moved_with_it(own: Path, tmp_path: P
     assert ended.returncode == 0, ended.stderr
     (folder / "my_effect.py").write_text((folder / "my_effect.py").read_text() + "\n# other\n")
     ended = command("resume", "run", cwd=folder)
-    assert ended.returncode == 2 and "effects.my_effect" in ended.stderr
+    assert ended.returncode == 2 and "my_effect" in ended.stderr
 
 
 def test_resume_says_what_it_runs_before_it_does(own: Path) -> None:
