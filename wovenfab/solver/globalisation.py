@@ -363,6 +363,8 @@ class Convergence:
         least = self._tolerance * self.scale_of(energy)
         if left is not None:
             decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
+        # Positions that are rounded have an energy, which is all that there is at rest.
+        least = max(least, rounding * self._blur)
         if decrement <= least and residual <= max(small, rounding):
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None
