@@ -201,9 +201,16 @@ def test_a_program_in_proportion_is_a_formula_of_the_first(scheme: str) -> None:
     one, two = (simulate(case).history for case in cases)
     assert one["dissipated"][-1] > 0
     assert set(two) - set(one) == {"second_displacement_m"}
-    for name in set(one) - {"newton_iterations"}:
+    # The force is conjugate to the first program, which moves the top edge in one of them only.
+    for name in set(one) - {"newton_iterations", "force_N", "force_transverse_N"}:
         scale = np.abs(one["energy_J" if name.endswith("_J") else name]).max()
         assert np.abs(two[name] - one[name]).max() <= 1e-12 * max(scale, 1e-9), name
+    for a, b in zip(*map(steps_of, cases), strict=True):
+        size = max(abs(f) for pair in a.reactions.values() for f in pair)
+        for edge, force in a.reactions.items():
+            assert b.reactions[edge] == pytest.approx(force, rel=1e-9, abs=1e-9 * size + 1e-9)
+        of_top = 0.5 * a.reactions["top"][1]
+        assert a.force - of_top == pytest.approx(b.force, rel=1e-9, abs=1e-9 * size + 1e-9)
 
 
 def test_energy_balances_while_both_edges_move_with_friction() -> None:
