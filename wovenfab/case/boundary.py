@@ -59,12 +59,15 @@ class FrameMotion:
         one = np.array([np.cos(self.angle), np.sin(self.angle)])
         two = np.array([-one[1], one[0]])
         n, m = ((two + sign * one)[self.axis] / np.sqrt(2) for sign in (1, -1))
-        c = 1 / np.sqrt(2) + program / (2 * self.length)
+        # Changes of c and sqrt(1 - c**2), so that there is no displacement at rest, not even by
+        # rounding.
+        rest, opened = 1 / np.sqrt(2), program / (2 * self.length)
         with np.errstate(invalid="ignore"):
-            s = np.sqrt(1 - c * c)
+            s = np.sqrt(1 - (rest + opened) ** 2)
+        closed = -opened * (2 * rest + opened) / (s + rest)
         along_one, along_two = (x * d[0] + y * d[1] for d in (one, two))
-        turned = along_one * (c * n - s * m - one[self.axis])
-        return turned + along_two * (c * n + s * m - two[self.axis])
+        turned = along_one * (opened * n - closed * m)
+        return turned + along_two * (opened * n + closed * m)
 
 
 @dataclass(frozen=True)
