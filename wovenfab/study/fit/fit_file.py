@@ -432,7 +432,9 @@ def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, 
             continue
         old = case.effects[target.effect][target.parameter]
         pair = old if isinstance(old, tuple) else (old,)
-        new: list[Any] = [v.text if isinstance(v, Expression) else v for v in pair]
+        new: list[Any] = [
+            v.text if isinstance(v, Expression) else units.write(v, unknown.unit) for v in pair
+        ]
         value, families = values[unknown.name], target.families if len(pair) == 2 else (0,)
         for family in families:
             old_value, first = pair[family], pair[families[0]]
