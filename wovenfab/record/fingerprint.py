@@ -24,7 +24,17 @@ from wovenfab.versions import dolfinx
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *("lacking", "mpi", "versions", "parallel", "plain_text", "compat", "case", "sheet"),
+    *(
+        "lacking",
+        "mpi",
+        "versions",
+        "parallel",
+        "plain_text",
+        "compat",
+        "case",
+        "measured",
+        "sheet",
+    ),
     *("model", "solver", "stepping", "record", "simulation"),
 )
 #: What chooses elements and steps for an accuracy.
