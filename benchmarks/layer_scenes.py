@@ -4,8 +4,7 @@ Sheets whose yarns bend sharply beside their grips: wide and short ones that are
 grips approach, and bias extension of families of which one hardly resists bending. Coarse cells are
 many times as long as these layers, and low degrees then agree by chance. Each scene is run for
 1 % and compared as those of ``benchmarks.random_scenes``; the command fails where a true error is
-above the stated one. Where fibres nearly follow an edge (scene 16, 1.4 degrees), cells at corners
-are slivers of micrometres: by rounding, forces of degree 5 are known to some per cent only there.
+above the stated one.
 """
 
 from __future__ import annotations

@@ -15,11 +15,13 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
+from typing import NoReturn
 
 ROOT = Path(__file__).parents[2]
 CASES = sorted(p for p in (ROOT / "configs").rglob("*.yaml") if not p.stem.endswith("-fit"))
@@ -202,7 +204,12 @@ def _memory(process: int) -> int:
     return next((1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM")), 0)
 
 
-def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
+def fuzz(
+    seeds: range,
+    seconds: float = SECONDS,
+    jobs: int = 2,
+    checked: Callable[[int, float], tuple[str, Outcome]] = checked,
+) -> Counter[str]:
     """Check one mutated case a seed, print what went wrong, and return counts by outcome."""
     counts: Counter[str] = Counter()
     with ThreadPoolExecutor(jobs) as pool:
@@ -215,7 +222,12 @@ def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
     return counts
 
 
+def finish(result: Counter[str], good: Collection[str]) -> NoReturn:
+    """Print counts by outcome and end, with an error if one is not good."""
+    print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
+    sys.exit(0 if result.keys() <= set(good) else 1)
+
+
 if __name__ == "__main__":
     result = fuzz(range(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT))
-    print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
-    sys.exit(0 if result.keys() <= GOOD else 1)
+    finish(result, GOOD)

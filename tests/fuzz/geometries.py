@@ -13,11 +13,11 @@ import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from itertools import product, repeat
+from itertools import product
 from pathlib import Path
 
+from tests.fuzz import __main__ as cases
 from tests.fuzz.__main__ import GOOD, SECONDS, Outcome, check
 
 ROOT = Path(__file__).parents[2]
@@ -128,20 +128,11 @@ def checked(seed: int, seconds: float = SECONDS) -> tuple[str, Outcome]:
 
 def fuzz(seeds: range, seconds: float = SECONDS, jobs: int = 2) -> Counter[str]:
     """Check one mutated file a seed, print what went wrong, and return counts by outcome."""
-    counts: Counter[str] = Counter()
     for version, binary in product((2.2, 4.1), (False, True)):
         mesh(version, binary)  # gmsh is for one thread
-    with ThreadPoolExecutor(jobs) as pool:
-        for seed, (text, outcome) in zip(
-            seeds, pool.map(checked, seeds, repeat(seconds)), strict=True
-        ):
-            counts[outcome.kind] += 1
-            if outcome.kind not in GOOD:
-                print(f"== seed {seed}: {outcome.kind}: {outcome.words}\n{text}", flush=True)
-    return counts
+    return cases.fuzz(seeds, seconds, jobs, checked)
 
 
 if __name__ == "__main__":
     result = fuzz(range(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT))
-    print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
-    sys.exit(0 if result.keys() <= GOOD else 1)
+    cases.finish(result, GOOD)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.fuzz.__main__ import VALUES, mutated
+from tests.fuzz.__main__ import VALUES, finish, mutated
 from wovenfab.case import CaseError
 from wovenfab.measured.cloud import read_cloud
 from wovenfab.measured.curve import in_words, read_measured
@@ -175,5 +175,4 @@ def fuzz(seeds: range) -> Counter[str]:
 
 if __name__ == "__main__":
     result = fuzz(range(int(sys.argv[1]) if len(sys.argv) > 1 else COUNT))
-    print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
-    sys.exit(0 if result.keys() <= {"accepted", "refused"} else 1)
+    finish(result, {"accepted", "refused"})

@@ -25,7 +25,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from tests.fuzz.__main__ import EFFECT, VALUES, mutated
+from tests.fuzz.__main__ import EFFECT, VALUES, finish, mutated
 from wovenfab.record.field_file import newest_checkpoint
 from wovenfab.record.history import REACTIONS, read_history
 from wovenfab.record.reading import UnreadableResultsError
@@ -351,5 +351,4 @@ def fuzz(seeds: range, jobs: int = 2, show: Callable[[str], None] = print) -> Co
 if __name__ == "__main__":
     first, _, last = (sys.argv[1] if len(sys.argv) > 1 else str(COUNT)).rpartition(":")
     result = fuzz(range(int(first or 0), int(last)), jobs=int(os.environ.get("JOBS", "2")))
-    print(", ".join(f"{kind}: {count}" for kind, count in sorted(result.items())))
-    sys.exit(0 if result.keys() <= GOOD else 1)
+    finish(result, GOOD)

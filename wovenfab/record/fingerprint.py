@@ -24,18 +24,8 @@ from wovenfab.versions import dolfinx
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *(
-        "lacking",
-        "mpi",
-        "versions",
-        "parallel",
-        "plain_text",
-        "compat",
-        "case",
-        "measured",
-        "sheet",
-    ),
-    *("model", "solver", "stepping", "record", "simulation"),
+    *("lacking", "mpi", "versions", "parallel", "plain_text", "compat", "case", "measured"),
+    *("sheet", "model", "solver", "stepping", "record", "simulation"),
 )
 #: What chooses elements and steps for an accuracy.
 CHOOSING = "study/target_accuracy"
@@ -96,7 +86,6 @@ def geometry_files(path: Path) -> list[Path]:
         if (one := waiting.pop().resolve()) in found or not one.is_file():
             continue
         found[one] = None
-        waiting.append(one.with_name(f"{one.name}.opt"))
         if one.suffix.lower() in (".msh", ".step", ".stp"):
             continue
         text = one.read_bytes().decode("latin-1")
