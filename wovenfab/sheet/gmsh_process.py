@@ -19,7 +19,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from wovenfab.parallel import child_environment, end_with_parent
+from wovenfab.parallel import child_environment, ending_with_parent
 from wovenfab.sheet.errors import GeometryError
 from wovenfab.sheet.file_mesh import FileMesh, Group
 
@@ -98,13 +98,12 @@ def _run(folder: Path, request: Request, seconds: float) -> None:
     command = [sys.executable, "-P", "-m", "wovenfab.sheet.gmsh_program", str(folder)]
     with (folder / "said").open("wb") as said:
         process = subprocess.Popen(
-            command,
+            ending_with_parent(command),
             env=child_environment(),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=said,
             start_new_session=True,
-            preexec_fn=end_with_parent,
         )
         try:
             code = process.wait(seconds)
