@@ -12,6 +12,7 @@ from wovenfab.case import CaseError
 from wovenfab.measured.cloud import read_cloud
 from wovenfab.measured.curve import Measured, in_words, read_measured
 from wovenfab.measured.layout import Layout, layout_of_options
+from wovenfab.measured.table import read_table
 
 N = 40
 U = np.round(np.linspace(0.35, 47.4, N), 4)
@@ -264,3 +265,14 @@ def test_clouds_of_several_programs_are_read(
 def test_a_file_without_an_end_is_refused() -> None:
     with pytest.raises(CaseError, match="too large"):
         read_measured(Path("/dev/zero"))
+
+
+def test_lines_that_repeat_the_header_are_told(tmp_path: Path) -> None:
+    rows = [f"{n};{2 * n}" for n in range(1, 41)]
+    for place in (10, 21, 32):
+        rows.insert(place, "displacement [mm];force [N]")
+    file = tmp_path / "machine.csv"
+    file.write_text("\n".join(["displacement [mm];force [N]", *rows, ""]))
+    table = read_table(file, Layout())
+    assert len(table.rows) == 40
+    assert all(any(str(line) in note for note in table.notes) for line in (12, 23, 34))

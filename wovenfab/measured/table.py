@@ -10,7 +10,7 @@ import csv
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -124,6 +124,7 @@ class _Block:
     rows: list[Row]
     count: int  # rows with two numbers at least
     gap: int = 0  # number of rows above the last empty line
+    headers: list[int] = field(default_factory=list)  # lines that repeat the head
 
     @property
     def titled(self) -> bool:
@@ -155,6 +156,8 @@ def read_table(path: Path, layout: Layout) -> Table:
     block, notes = _chosen(blocks, path, layout)
     if not layout.rows:
         notes += _without_summary(block)
+    if block.headers:
+        notes.append(f"Lines that repeat the header are skipped: {_listed(block.headers)}.")
     width = max(len(row.cells) for row in block.rows)
     title = _title_row(block, separator)
     decimal = layout.decimal or _decimal(block, separator, text, path, width)
@@ -175,6 +178,11 @@ def read_table(path: Path, layout: Layout) -> Table:
         path, text.encoding, separator, decimal, " or ".join(sorted(groups)), titles, units,
         head, tuple(data), (*notes, *note),
     )  # fmt: skip
+
+
+def _listed(lines: Sequence[int]) -> str:
+    more = f" and {len(lines) - 12} more" if len(lines) > 12 else ""
+    return ", ".join(map(str, lines[:12])) + more
 
 
 def is_missing(cell: str) -> bool:
@@ -246,7 +254,7 @@ def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
         ):
             blocks[-1].rows.append(row)
         elif open_block and any(_same(row, head) for head in blocks[-1].head):
-            continue  # a header that is repeated
+            blocks[-1].headers.append(row.line)
         else:  # also a label with a number, such as a mean
             text.append(row)
             open_block = False
@@ -264,7 +272,7 @@ def _same(row: Row, other: Row) -> bool:
 def _within(block: _Block, first: int, last: int) -> _Block:
     rows = [row for row in block.rows if first <= row.line <= last]
     count = sum(sum(map(is_number, row.cells)) > 1 for row in rows)
-    return _Block(block.head, rows, count)
+    return _Block(block.head, rows, count, headers=[n for n in block.headers if first <= n <= last])
 
 
 def _chosen(blocks: list[_Block], path: Path, layout: Layout) -> tuple[_Block, list[str]]:
@@ -272,7 +280,8 @@ def _chosen(blocks: list[_Block], path: Path, layout: Layout) -> tuple[_Block, l
     block = max(blocks, key=lambda b: b.count)
     if layout.rows:  # all of them
         rows = [row for b in blocks for row in b.rows]
-        return _Block(block.head, rows, sum(b.count for b in blocks)), []
+        headers = [line for b in blocks for line in b.headers]
+        return _Block(block.head, rows, sum(b.count for b in blocks), headers=headers), []
     notes = []
     titles = [row for row in block.head if sum(map(bool, row.cells)) > 1]
     for other in blocks:
