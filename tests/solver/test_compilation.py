@@ -39,7 +39,7 @@ def area() -> float:
         mesh, np.arange(cells, dtype=np.int32)
     )
     assert (values == 2.0).all()
-    return assembly.assemble_scalar((assembly.compile_form(one * ufl.dx),), mesh.comm)
+    return assembly.assemble_scalar({"": assembly.compile_form(one * ufl.dx)}, mesh.comm)
 
 
 @pytest.fixture

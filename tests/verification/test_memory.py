@@ -275,7 +275,7 @@ def test_derivatives_with_stress_at_points_agree_with_differences(parameter: str
 
 def test_a_scene_without_internal_variables_builds_nothing_of_them() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
-    assert plain.memory is None and plain.loss == ()
+    assert plain.memory is None and plain.loss == {}
 
 
 @pytest.mark.mpi

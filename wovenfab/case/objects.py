@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ufl
 from mpi4py import MPI
@@ -40,6 +40,9 @@ from wovenfab.model.probes import extent, misplaced
 from wovenfab.parallel import agree, by_first
 from wovenfab.record.output import Output
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
+from wovenfab.sheet.geometry_file import GeometryFile, from_file, outline_from_file
+from wovenfab.sheet.gmsh_io import graded_rectangle
+from wovenfab.sheet.msh import stated_points
 from wovenfab.sheet.probes import Probe
 from wovenfab.sheet.sheet import (
     GeometryError,
@@ -56,9 +59,6 @@ from wovenfab.stepping.schemes import SCHEMES, Scheme
 from wovenfab.stepping.sensitivity import TargetError
 from wovenfab.stepping.stability import Treatment
 from wovenfab.stepping.step import StepSizeControl
-
-if TYPE_CHECKING:
-    from wovenfab.sheet.geometry_file import GeometryFile
 
 #: What the functions of a formula mean in UFL.
 UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -156,13 +156,9 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         assert size is not None  # a case that has been read has one
         points = 2 * case.sheet.length * case.sheet.width / size**2
     elif case.sheet.file.suffix.lower() == ".msh":
-        from wovenfab.sheet.msh import stated_points
-
         path = case.sheet.file
         points = by_first(comm, lambda: stated_points(path))
     else:
-        from wovenfab.sheet.geometry_file import outline_from_file
-
         with geometry_problems(case):
             outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
@@ -201,8 +197,6 @@ def follows_fibres(case: Case) -> bool:
 
 def geometry_of(sheet: SheetFile) -> GeometryFile:
     """Return the file of a sheet with what the case says of it."""
-    from wovenfab.sheet.geometry_file import GeometryFile
-
     named = sheet.edges or {}
     return GeometryFile(sheet.file, sheet.length_unit, sheet.file_parameters, named)
 
@@ -214,14 +208,10 @@ def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
         length, width = case.sheet.length, case.sheet.width
         assert d.mesh_size is not None  # a case that has been read has one
         if d.mesh == "unstructured":
-            from wovenfab.sheet.gmsh_io import graded_rectangle
-
             parts = graded_rectangle(comm, length, width, d.mesh_size, d.corner_size)
         else:
             parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
     else:
-        from wovenfab.sheet.geometry_file import from_file
-
         parts = from_file(comm, geometry_of(case.sheet), d.mesh_size)
     return Sheet(*parts, directions(case.sheet.fibres))
 
@@ -233,8 +223,6 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         outline = rectangle_outline(case.sheet.length, case.sheet.width)
         size = d.mesh_size
     else:
-        from wovenfab.sheet.geometry_file import outline_from_file
-
         outline, size = outline_from_file(comm, geometry_of(case.sheet), d.mesh_size)
     assert size is not None
     return aligned_sheet(

@@ -38,6 +38,7 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
         NothingToResumeError: Physics, mesh or a finished part of the program differ, or a study
             wrote the checkpoint.
     """
+    _require_case(checkpoint, directory)
     if "run" not in checkpoint.values:
         raise NothingToResumeError(
             f"{directory} is a part of a study, which goes on when the study is repeated"
@@ -90,6 +91,7 @@ def state_of(case: Case, model: Model) -> Array:
     assert directory is not None
     try:
         checkpoint = load_checkpoint(directory, model.comm)
+        _require_case(checkpoint, directory)
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
     before, now = checkpoint.values["case"], fixed_part(case)
@@ -108,6 +110,19 @@ def state_of(case: Case, model: Model) -> Array:
         raise CaseError([case.problem(STATE, message, remedy)])
     state: Array = SnapshotFormat(model).scatter(states[0], checkpoint.arrays)
     return state
+
+
+def _require_case(checkpoint: Checkpoint, directory: Path) -> None:
+    """Raise if a checkpoint is not of a run of a case.
+
+    Raises:
+        NothingToResumeError: It is of a simulation that was made without a case.
+    """
+    if not {"case", "chosen"} <= {*checkpoint.values}:
+        raise NothingToResumeError(
+            f"the run in {directory} was not made from a case: it goes on from Python, by "
+            "wovenfab.simulate(simulation, directory, resume=True)"
+        )
 
 
 def identity_of(case: Case) -> dict[str, Any]:

@@ -38,11 +38,10 @@ from wovenfab.case.quantities import (
 )
 from wovenfab.forms.effect import Needs
 from wovenfab.sheet import probes
+from wovenfab.sheet.errors import LEAST_CROSSING
 
 STEP = (".step", ".stp")
 GEOMETRIES = (".geo", ".msh", *STEP)
-#: Smallest |sin| of the angle between the families.
-LEAST_CROSSING = 1e-3
 
 
 def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:

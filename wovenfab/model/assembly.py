@@ -36,13 +36,15 @@ from wovenfab.lacking import LackingError, require_compiler
 from wovenfab.model import kernels
 from wovenfab.parallel import each_its_own, lock
 
-#: A sum of compiled forms; the first one lives on the space of all placements.
-Sum = tuple[fem.Form, ...]
+#: A sum of compiled forms by the names of its parts.
+Sum = Mapping[str, fem.Form]
+#: The part that lives on the space of all placements: what is inside the sheet, and loads.
+SHEET = "sheet"
 
 
 def assemble_scalar(forms: Sum, comm: MPI.Comm) -> float:
     """Return the value of a sum of scalar forms over all ranks; collective."""
-    mine = sum(fem.assemble_scalar(form) for form in forms)
+    mine = sum(fem.assemble_scalar(form) for form in forms.values())
     return float(comm.allreduce(mine, op=MPI.SUM))
 
 
@@ -50,14 +52,14 @@ def assemble_vector(vector: Any, forms: Sum) -> None:
     """Overwrite a ghosted vector with a sum of linear forms; ghosts are not yet added."""
     with vector.localForm() as local:
         local.set(0.0)
-    for form in forms:
+    for form in forms.values():
         fem_petsc.assemble_vector(vector, form)
 
 
 def assemble_matrix(matrix: Any, forms: Sum, bcs: Sequence[fem.DirichletBC] = ()) -> None:
     """Overwrite a matrix with a sum of bilinear forms; identity where prescribed; collective."""
     matrix.zeroEntries()
-    for form in forms:
+    for form in forms.values():
         fem_petsc.assemble_matrix(matrix, form, list(bcs))
         # Rows of the identity are set; PETSc must flush before more values are added.
         matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
@@ -72,17 +74,15 @@ def create_matrix(forms: Sum, upper: bool = False) -> Any:
         upper: Store the upper half in blocks of x and y, as a Cholesky factorisation takes
             it; putting entries in costs half as much. Otherwise any solver takes it.
     """
-    unknowns = forms[0].function_spaces[0].dofmap
-    entries = _entries(forms[0])
-    for form in forms[1:]:
-        entries = entries + _entries(form)
+    unknowns = forms[SHEET].function_spaces[0].dofmap
+    entries = sum(_entries(form) for form in forms.values())
     block, first = unknowns.index_map_bs, unknowns.index_map.local_range[0]
     if upper:
         entries = sparse.csr_array(sparse.triu(entries, first))
     else:
         entries = sparse.csr_array(sparse.kron(entries, np.ones((block, block), dtype=np.int8)))
     entries.sort_indices()
-    usual = fem_petsc.create_matrix(forms[0])
+    usual = fem_petsc.create_matrix(forms[SHEET])
     matrix = PETSc.Mat().create(usual.comm)
     matrix.setSizes(usual.getSizes(), bsize=block)
     matrix.setType("sbaij" if upper else "aij")
@@ -274,10 +274,11 @@ def compile_form(form: Any) -> fem.Form:
     return compile_forms([form], form.ufl_domain().ufl_cargo().comm)[0]
 
 
-def compile_sums(sums: Mapping[str, Sequence[Any]], comm: MPI.Comm) -> dict[str, Sum]:
-    """Return sums of forms compiled under their names; collective."""
-    compiled = iter(compile_forms([form for forms in sums.values() for form in forms], comm))
-    return {name: tuple(next(compiled) for _ in forms) for name, forms in sums.items()}
+def compile_sums(sums: Mapping[str, Mapping[str, Any]], comm: MPI.Comm) -> dict[str, Sum]:
+    """Return sums of forms compiled under their names and those of their parts; collective."""
+    every = [form for parts in sums.values() for form in parts.values()]
+    compiled = iter(compile_forms(every, comm))
+    return {name: {part: next(compiled) for part in parts} for name, parts in sums.items()}
 
 
 def compile_expression(expression: Any, points: NDArray[np.float64]) -> fem.Expression:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -19,16 +19,13 @@ from mpi4py import MPI
 
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
+from wovenfab.forms.friction import PointFriction, components_of
 from wovenfab.forms.kinematics import displacements
-from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
+from wovenfab.model.assembly import SHEET, Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
-
-if TYPE_CHECKING:
-    from wovenfab.forms.friction import PointFriction
-
 
 #: A parameter: a number, a UFL expression such as a fem.Constant or fem.Function, or a function of
 #: the reference position (UFL in and out).
@@ -89,6 +86,9 @@ class Model:
         loss: Compiled forms of the energy that is lost in a step and depends on no rate: by
             set-valued laws, and by stored energies whose internal variables change.
         memory: The internal variables; None without any.
+        forms: The forms in UFL by the names of these attributes (``"residual"``) and of their
+            parts. Those of a family live on its own space (``placements.families``), whose
+            unknowns have the same numbers; with one placement all live on ``space``.
     """
 
     sheet: Sheet
@@ -114,6 +114,7 @@ class Model:
     weights: Mapping[str, fem.Constant]
     point_frictions: tuple[PointFriction, ...]
     memory: Memory | None
+    forms: Mapping[str, Mapping[str, Any]]
 
     @property
     def comm(self) -> MPI.Comm:
@@ -134,7 +135,7 @@ class Model:
     @property
     def facet_integrals(self) -> int:
         """Number of compiled integrals over interior facets, all forms together."""
-        forms = (*self.jacobian, *self.residual, *self.potential)
+        forms = [f for s in (self.jacobian, self.residual, self.potential) for f in s.values()]
         kinds = [kind for form in forms for kind in form.integral_types]
         return kinds.count(IntegralType.interior_facet)
 
@@ -259,7 +260,9 @@ def build_model(
         point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
-    sums["loss"] += [memory.released(t) for t in terms if memory and t.effect.releases]
+    if memory:
+        released = {t.effect.name: memory.released(t) for t in terms if t.effect.releases}
+        sums["loss"] = {**sums["loss"], **released}
     return Model(
         sheet=sheet,
         effects=tuple(effects),
@@ -282,33 +285,37 @@ def build_model(
         },
         point_frictions=frictions,
         memory=memory,
+        forms=sums,
         **compile_sums(sums, mesh.comm),
     )
 
 
 def _sums_of(
     balance: Balance, placements: Placements, last: Any, frictions: Sequence[PointFriction]
-) -> dict[str, list[Any]]:
-    """Return the forms by the names of a model's attributes: inside the sheet, on its lines.
+) -> dict[str, dict[str, Any]]:
+    """Return the forms by the names of a model's attributes, and of their parts.
 
-    The lines of both families have the same kernels where they are made alike.
+    Parts are what is inside the sheet, what is on lines that the yarns of a family cross, and
+    each point friction. The lines of both families have the same kernels where they are made
+    alike.
     """
     trial, test = ufl.TrialFunction(placements.space), ufl.TestFunction(placements.space)
     power = balance.power()
     sums = {
-        "jacobian": [balance.jacobian(trial, test, last)],
-        "residual": [balance.residual(test)],
-        "potential": [balance.potential()],
-        "power": [] if power is None else [power],
+        "jacobian": {SHEET: balance.jacobian(trial, test, last)},
+        "residual": {SHEET: balance.residual(test)},
+        "potential": {SHEET: balance.potential()},
+        "power": {} if power is None else {SHEET: power},
     }
     for family, space in enumerate(placements.families):
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
         if lines := balance.lines(family, fem.Function(space, balance.field.x)):
-            sums["jacobian"].append(sum(line.jacobian(trial, test) for line in lines))
-            sums["residual"].append(sum(line.residual(test) for line in lines))
-            sums["potential"].append(sum(line.potential() for line in lines))
+            part = f"family {family + 1}"
+            sums["jacobian"][part] = sum(line.jacobian(trial, test) for line in lines)
+            sums["residual"][part] = sum(line.residual(test) for line in lines)
+            sums["potential"][part] = sum(line.potential() for line in lines)
     more = point_friction_forms(frictions, placements.space)
-    return {name: [*sums.get(name, ()), *more.get(name, ())] for name in {**sums, **more}}
+    return {name: {**sums.get(name, {}), **more.get(name, {})} for name in {**sums, **more}}
 
 
 def _constant(mesh: Any, value: Any) -> fem.Constant:
@@ -341,8 +348,6 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
 
 def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
     """Return a bounded friction with its stress at the points of a quadrature rule."""
-    from wovenfab.forms.friction import PointFriction, components_of
-
     size = components_of(term, balance)
     stress, tangent = (point_function(mesh, size, degree) for _ in range(2))
     return PointFriction(term, balance, stress, tangent, degree)
@@ -350,13 +355,14 @@ def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> P
 
 def point_friction_forms(
     frictions: Sequence[PointFriction], space: fem.FunctionSpace
-) -> dict[str, list[Any]]:
+) -> dict[str, dict[str, Any]]:
     """Return what point frictions add to a model: forms in UFL by the model's attributes."""
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    named = {f.term.effect.name: f for f in frictions}
     return {
-        "jacobian": [f.jacobian(trial, test) for f in frictions],
-        "friction_force": [f.residual(test) for f in frictions],
-        "loss": [f.loss() for f in frictions if f.term.effect.set_valued],
+        "jacobian": {name: f.jacobian(trial, test) for name, f in named.items()},
+        "friction_force": {name: f.residual(test) for name, f in named.items()},
+        "loss": {name: f.loss() for name, f in named.items() if f.term.effect.set_valued},
     }
 
 
@@ -375,16 +381,12 @@ def with_point_friction(model: Model) -> Model:
     ]
     trial, test = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
     last = model.last if model.numerics.mixed else None
-    inside = {"jacobian": balance.jacobian(trial, test, last), "residual": balance.residual(test)}
     added = point_friction_forms(more, model.space)
-    compiled = compile_sums(
-        {**added, **{f"inside {k}": [f] for k, f in inside.items()}}, model.comm
-    )
-    # The first form of each sum is of what is inside the sheet; those on lines stay.
-    return replace(
-        model,
-        point_frictions=(*model.point_frictions, *more),
-        jacobian=(*compiled["inside jacobian"], *model.jacobian[1:], *compiled["jacobian"]),
-        residual=(*compiled["inside residual"], *model.residual[1:]),
-        friction_force=(*model.friction_force, *compiled["friction_force"]),
-    )
+    changed = {
+        "jacobian": {SHEET: balance.jacobian(trial, test, last), **added["jacobian"]},
+        "residual": {SHEET: balance.residual(test)},
+        "friction_force": added["friction_force"],
+    }
+    compiled = compile_sums(changed, model.comm)
+    sums: dict[str, Any] = {name: {**getattr(model, name), **compiled[name]} for name in changed}
+    return replace(model, point_frictions=(*model.point_frictions, *more), **sums)

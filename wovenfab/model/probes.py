@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from mpi4py import MPI
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from wovenfab.compat import corners_of
@@ -73,6 +73,59 @@ class Probes:
         families = ["_1", "_2"] if self._families == 2 else [""]
         moved = [f"{name}_displacement{a}_{xy}_m" for a in families for xy in "xy"]
         return [*moved, *([f"{name}_beta_m"] if self._families == 2 else [])]
+
+
+class PointFields:
+    """Fields of the present state at any points of the sheet, located once.
+
+    Attributes:
+        points: Reference positions, shape (n, 2), m.
+    """
+
+    def __init__(
+        self, model: Model, points: ArrayLike, groups: Sequence[str] = ("displacement",)
+    ) -> None:
+        """Locate the points and compile the evaluation; collective.
+
+        Args:
+            model: The model.
+            points: Reference positions, shape (n, 2), m.
+            groups: Groups of fields, such as ``"shear_angle"``; those that the model's effects
+                give no meaning to are left out.
+
+        Raises:
+            ValueError: A point is not on the sheet.
+        """
+        self.points = np.reshape(np.asarray(points, dtype=float), (-1, 2))
+        self._comm, lattice = model.comm, Lattice(model.numerics.degree)
+        cells, local, on_sheet = located(model.sheet, self.points)
+        if not on_sheet.all():
+            x, y = self.points[~on_sheet][0]
+            raise ValueError(f"the point x = {x:g} m, y = {y:g} m is not on the sheet")
+        own = model.sheet.mesh.topology.index_map(2).size_local
+        self._matrix = sparse.csr_array(lattice.at_points(cells, local, own))
+        self._probe = FieldProbe(model, groups, lattice.points)
+
+    def values(self) -> dict[str, NDArray[np.float64]]:
+        """Return each field by name, shape (n, components), the same on all ranks; collective."""
+        found = {}
+        for name, values in self._probe.values().items():
+            mine = self._matrix @ values.reshape(-1, values.shape[2])
+            found[name] = np.empty_like(mine)
+            self._comm.Allreduce(np.ascontiguousarray(mine), found[name], op=MPI.SUM)
+        return found
+
+
+def points_of_yarn(sheet: Sheet, yarn: Yarn) -> NDArray[np.float64]:
+    """Return equidistant points at rest (m) of a yarn from edge to edge, shape (n, 2); collective.
+
+    Raises:
+        ValueError: The sheet is not where the yarn should be.
+    """
+    corners = np.concatenate(sheet.mesh.comm.allgather(own_corners(sheet)))
+    start, end = yarn.ends(sheet.fibres, corners)
+    share = np.linspace(0.0, 1.0, yarn.points)[:, None]
+    return np.asarray(start + share * (end - start))
 
 
 def _displaced(u: NDArray[np.float64]) -> list[float]:

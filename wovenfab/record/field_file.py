@@ -421,8 +421,7 @@ def _checkpoint(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> Checkp
         program = arrays[PROGRAM]
         run = checkpoint.values.get("run", _RUN)  # the states of studies have none
         plain = isinstance(checkpoint.step, int) and isinstance(checkpoint.time, float | int)
-        parts = {"stepper", "case", "chosen"} <= {*checkpoint.values}
-        parts = parts and {*run} >= _RUN
+        parts = "stepper" in checkpoint.values and {*run} >= _RUN
         return checkpoint if plain and parts and len(program) == 4 else None
     except (TypeError, LookupError, ValueError, AttributeError, RecursionError):
         return None

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from wovenfab.sheet.lattice import circle
+from wovenfab.sheet.lattice import ON_SIDE, circle
 
 Place = tuple[float, float]
 
@@ -73,6 +74,31 @@ class Yarn:
     family: int
     through: Place
     points: int = 101
+
+    def ends(
+        self, fibres: NDArray[np.float64], corners: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return both ends (m) of the yarn at rest: the piece of it that has the point.
+
+        Args:
+            fibres: Direction of each family at rest, shape (2, 2).
+            corners: Of all cells of the sheet, shape (cells, 3, 2), m.
+
+        Raises:
+            ValueError: The sheet is not where the yarn should be.
+        """
+        along, point = fibres[self.family - 1], np.array(self.through)
+        size = float(np.ptp(corners.reshape(-1, 2), axis=0).sum())
+        sheet = shapely.union_all(shapely.polygons(corners))
+        for gap in (ON_SIDE * size, -ON_SIDE * size):  # cells that touch become one
+            sheet = sheet.buffer(gap, join_style="mitre")
+        whole = shapely.LineString([point - size * along, point + size * along])
+        pieces = shapely.get_parts(shapely.intersection(sheet, whole))
+        if not len(pieces):
+            raise ValueError(f"the yarn through {self.through} m misses the sheet")
+        near = pieces[np.argmin(shapely.distance(pieces, shapely.Point(point)))]
+        start, end = shapely.get_coordinates(near)[[0, -1]]
+        return start, end
 
 
 Gauge = Point | Extensometer | Zone

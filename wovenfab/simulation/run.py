@@ -47,6 +47,7 @@ def run(
     interruption: Interruption | None = None,
     errors: Mapping[str, Any] | None = None,
     accepted: Callable[[], None] = lambda: None,
+    observers: Sequence[Observer] = (),
 ) -> tuple[Outcome, Columns, dict[str, Any]]:
     """Run a simulation; collective.
 
@@ -63,6 +64,7 @@ def run(
         interruption: Notes signals; None to leave them alone.
         errors: Estimated errors, plain values that checkpoints keep; None without.
         accepted: Called on rank 0 when the run is refused no more, before it changes any file.
+        observers: Called after each accepted step, before it is written.
 
     Returns:
         How it ended, the columns of the history, and the summary.
@@ -94,7 +96,7 @@ def run(
 
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
-    observers: list[Observer] = [modes, lambda step: values.append(rows.row(step, probed())[0])]
+    own: list[Observer] = [modes, lambda step: values.append(rows.row(step, probed())[0])]
     simulation.outcome = Outcome(**before["outcome"])
 
     def parts() -> list[dict[str, Any]]:
@@ -137,7 +139,7 @@ def run(
                 with watch.phase("checkpoints"):
                     checkpoints(step)
 
-            observers = [
+            own = [
                 *(modes, lambda step: history.append(step, probed())),
                 *(write_fields, write_checkpoint),
             ]
@@ -145,6 +147,7 @@ def run(
         end = program.milestones[-1].time
         outcome = simulation.run(
             *observers,
+            *own,
             lambda step: progress(Progress("stepping", step.time / end, step, model.unknowns)),
             watch=watch,
             until=until,

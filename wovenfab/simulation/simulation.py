@@ -9,8 +9,10 @@ from math import inf
 from signal import Signals
 from typing import TYPE_CHECKING, Self
 
+from dolfinx import fem
 from mpi4py import MPI
 
+from wovenfab.model.fields import interpolated
 from wovenfab.model.model import Model
 from wovenfab.record.field_file import Checkpoint
 from wovenfab.record.output import Output
@@ -80,7 +82,11 @@ class Simulation:
 
         Raises:
             OptionError: PETSc cannot use an option.
+            ValueError: The model keeps fewer earlier states than the scheme looks back at.
         """
+        kept, needed = len(problem.model.history), SCHEMES[scheme].memory
+        if 0 < kept < needed:
+            raise ValueError(f"{scheme} looks back at {needed} states: Numerics(history={needed})")
         self.program, self.output = program, output or Output()
         self.solver = solver(problem, options or SolverOptions())
         self.stepper = TimeStepper(
@@ -106,6 +112,28 @@ class Simulation:
     def comm(self) -> MPI.Comm:
         """The ranks."""
         return self.model.comm
+
+    @property
+    def displacements(self) -> tuple[fem.Function, fem.Function]:
+        """The present displacement of each family as a dolfinx function (m).
+
+        With one placement both are the same. The functions share the memory of the solver: copy
+        what must outlive the step. Placements that jump have their own unknowns on both sides.
+        """
+        model = self.model
+        first, second = (fem.Function(s, model.field.x) for s in model.placements.families)
+        return first, second
+
+    def field(self, name: str) -> fem.Function:
+        """Return a field of the present state, discontinuous between cells; collective.
+
+        Args:
+            name: As in the results, such as ``shear_angle`` or ``beta``.
+
+        Raises:
+            KeyError: If the effects give it no meaning.
+        """
+        return interpolated(self.model, name)
 
     def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
         """Give each step the derivatives of force and dissipation by parameters; collective.

@@ -158,7 +158,7 @@ class PointStress:
     def add_force(self, b: Any) -> None:
         """Add the force (N) of the stresses to a vector, ghosts not yet summed."""
         if not self._idle:
-            for form in self._forms:
+            for form in self._forms.values():
                 fem_petsc.assemble_vector(b, form)
 
     def add_force_of(self, stresses: Array, b: Any) -> None:

@@ -215,7 +215,7 @@ class Problem:
         if not self.attained:
             with b.localForm() as local:
                 local.array_w[b.getLocalSize() :] = 0.0
-            for form in self.model.jacobian:
+            for form in self.model.jacobian.values():
                 fem_petsc.apply_lifting(b, [form], [bcs], [at], -1.0)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(b, bcs, at, -1.0)
@@ -285,7 +285,7 @@ class Problem:
         with b.localForm() as local:
             local.set(0.0)
         with self.constraints.prescribed(displacement) as bcs:
-            for form in self.model.jacobian:
+            for form in self.model.jacobian.values():
                 fem_petsc.apply_lifting(b, [form], [bcs], alpha=-1.0)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(b.array_r)
