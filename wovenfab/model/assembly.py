@@ -10,11 +10,12 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import inspect
+import logging
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import cache, partial
+from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -31,11 +32,20 @@ from petsc4py import PETSc
 from scipy import sparse
 from ufl.domain import extract_unique_domain
 
-from wovenfab.compat import column_map
+from wovenfab.compat import column_map, is_compared
 from wovenfab.lacking import LackingError, require_compiler
-from wovenfab.model import kernels
 from wovenfab.parallel import each_its_own, lock
 
+logger = logging.getLogger(__name__)
+if is_compared():
+    from wovenfab.model import kernels
+
+    #: Lets FFCx write kernels in another way, and what that way is known by.
+    writing: Callable[[], AbstractContextManager[None]] = kernels.own_kernels
+    way = inspect.getsource(kernels)
+else:
+    logger.warning("FFCx writes all kernels itself, since this version was not compared: slower")
+    writing, way = nullcontext, "FFCx"
 #: A sum of compiled forms by the names of its parts.
 Sum = Mapping[str, fem.Form]
 #: The part that lives on the space of all placements: what is inside the sheet, and loads.
@@ -128,13 +138,8 @@ def cache_folder() -> Path:
                 "there is no home folder to keep compiled forms in: set HOME or XDG_CACHE_HOME"
             )
             raise LackingError(message) from error
-    kind = hashlib.sha256(f"{_processor()} {_own_code()}".encode()).hexdigest()[:10]
+    kind = hashlib.sha256(f"{_processor()} {way}".encode()).hexdigest()[:10]
     return Path(base) / "wovenfab" / "kernels" / kind
-
-
-@cache
-def _own_code() -> str:
-    return inspect.getsource(kernels)
 
 
 def _processor() -> str:
@@ -195,7 +200,7 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                     _remove_unfinished(folder)
             lock(users, fcntl.LOCK_SH)
             try:
-                with kernels.own_kernels():
+                with writing():
                     return compile_it()
             except TimeoutError:
                 pass

@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import gc
 import importlib
-import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from itertools import count, product
 from typing import Any
 
@@ -29,14 +28,18 @@ from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, ReferenceGra
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
-from wovenfab.compat import FFCX_KERNELS, rule_of
+from wovenfab.compat import rule_of
 from wovenfab.forms.kinematics import cross
 
+try:
+    from ffcx.codegeneration.C import integral as _integrals
+except ImportError:  # 0.9
+    from ffcx.codegeneration.C import integrals as _integrals
+
+#: The module that writes the C code of integrals.
+FFCX_KERNELS: Any = _integrals
 #: UFL's module of that name, which its function of that name hides.
 _ANALYSIS = importlib.import_module("ufl.algorithms.compute_form_data")
-
-#: Plugins of all packages: setuptools reads their files six times for each kernel.
-_PLUGINS = cache(importlib.metadata.entry_points)
 
 #: Doubles that a processor multiplies at once, at least.
 LANES = 4
@@ -389,7 +392,6 @@ def own_kernels() -> Iterator[None]:
         replaced(apply_derivatives, "grad_to_reference_grad", gradient),
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
-        replaced(importlib.metadata, "entry_points", _PLUGINS),
     ):
         # UFL makes many small objects that stay: looking for garbage among them takes a third.
         gc.disable()
