@@ -273,6 +273,33 @@ def test_derivatives_with_stress_at_points_agree_with_differences(parameter: str
         assert force < 1e-3 and lost < 1e-5
 
 
+@pytest.mark.parametrize("weaker", [2.0**-20, 1e-6])
+def test_a_bound_that_starts_at_zero_is_solved_alike_on_a_weak_sheet(weaker: float) -> None:
+    """A bound that grows from nothing has no scale of its own: that of the sheet counts.
+
+    All stiffnesses and strengths are multiplied by the same number, and so are forces and losses.
+    """
+    grows = {**VALUES, "wear": {"strength": 0.0, "end": END, "length": LENGTH}}
+    chosen = SCENES["coulomb"]
+    weak = {
+        effect: {
+            name: v if name == "length" else np.multiply(weaker, v) for name, v in some.items()
+        }
+        for effect, some in grows.items()
+    }
+    numerics = replace(scenes.PROTOTYPE, history=SCHEMES["bdf2"].memory)
+    strong, scaled = (
+        scenes.march(built(scenes.sheet(0.6, 0.3, 0.15), chosen, numerics, values), LOOP, "bdf2")
+        for values in (grows, weak)
+    )
+    print(f"\n{[s.iterations for s in strong]}, {[s.iterations for s in scaled]}")
+    assert [s.iterations for s in scaled] == [s.iterations for s in strong]
+    forces = scenes.forces(strong)
+    assert scenes.forces(scaled) == pytest.approx(weaker * forces, abs=1e-9 * weaker * forces.max())
+    assert scenes.lost(strong[-1]) > 0
+    assert scenes.lost(scaled[-1]) == pytest.approx(weaker * scenes.lost(strong[-1]), rel=1e-9)
+
+
 def test_a_scene_without_internal_variables_builds_nothing_of_them() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
     assert plain.memory is None and plain.loss == {}
