@@ -23,8 +23,7 @@ import ufl
 from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
-from dolfinx.jit import DOLFINX_DEFAULT_JIT_OPTIONS, ffcx_jit
-from ffcx.options import FFCX_DEFAULT_OPTIONS
+from dolfinx.jit import ffcx_jit
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -153,28 +152,20 @@ PATIENCE = 10
 
 
 def jit_options() -> dict[str, Any]:
-    """Return all options of dolfinx's just-in-time compiler.
-
-    None is left to dolfinx_jit_options.json, which may lie in the current folder.
-    """
-    defaults = {name: value for name, (value, _) in DOLFINX_DEFAULT_JIT_OPTIONS.items()}
+    """Return the options of dolfinx's just-in-time compiler that are not its defaults."""
     return {
-        **defaults,
         "cffi_extra_compile_args": list(FLAGS),
         "cache_dir": str(cache_folder()),
         "timeout": PATIENCE,
     }
 
 
-def form_options() -> dict[str, Any]:
-    """Return all options of FFCx; none is left to ffcx_options.json in the current folder."""
-    defaults = {name: value for name, (_, value, *_) in FFCX_DEFAULT_OPTIONS.items()}
-    return {**defaults, "scalar_type": default_scalar_type}
-
-
 def _options() -> dict[str, Any]:
     """Return the arguments of dolfinx's functions that compile."""
-    return {"form_compiler_options": form_options(), "jit_options": jit_options()}
+    return {
+        "form_compiler_options": {"scalar_type": default_scalar_type},
+        "jit_options": jit_options(),
+    }
 
 
 def _compiled[T](compile_it: Callable[[], T]) -> T:
@@ -227,7 +218,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
 
     def compile_share() -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
-            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, form_options(), jit_options()))
+            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, **_options()))
 
     each_its_own(comm, compile_share)
 
