@@ -31,7 +31,7 @@ from scipy import sparse
 from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map
-from wovenfab.lacking import LackingError, require_compiler
+from wovenfab.lacking import require_compiler
 from wovenfab.model import kernels
 from wovenfab.parallel import each_its_own, lock
 
@@ -118,15 +118,7 @@ def cache_folder() -> Path:
 
     Code made for one processor may not run on another that shares the home folder.
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    if not base:
-        try:
-            base = str(Path.home() / ".cache")
-        except RuntimeError as error:
-            message = (
-                "there is no home folder to keep compiled forms in: set HOME or XDG_CACHE_HOME"
-            )
-            raise LackingError(message) from error
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     kind = hashlib.sha256(f"{_processor()} {_own_code()}".encode()).hexdigest()[:10]
     return Path(base) / "wovenfab" / "kernels" / kind
 
