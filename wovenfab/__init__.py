@@ -120,7 +120,7 @@ __all__ = ["__version__", *sorted(_HOMES)]
 class _MpiFirst:
     """Loads MPI before the first module that needs its library, and starts PETSc before dolfinx.
 
-    It finds no module itself.
+    It finds no module itself, and makes sure of what MPI and dolfinx need at their start.
 
     Only what Python has loaded by itself is imported before: with ``python -m`` the current folder
     is still the first in which modules are looked for.
@@ -131,8 +131,10 @@ class _MpiFirst:
     def find_spec(self, name: str, path: Any = None, target: Any = None) -> None:
         """Load MPI if a module needs it, and leave the search to others."""
         if name == "mpi4py.MPI":
+            from wovenfab.lacking import require_home
             from wovenfab.mpi import require_own_launcher
 
+            require_home()
             require_own_launcher()
         if self.waits and name in ("dolfinx", "petsc4py"):
             from wovenfab.mpi import load, start_petsc

@@ -24,8 +24,7 @@ import ufl
 from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
-from dolfinx.jit import DOLFINX_DEFAULT_JIT_OPTIONS, ffcx_jit
-from ffcx.options import FFCX_DEFAULT_OPTIONS
+from dolfinx.jit import ffcx_jit
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -33,7 +32,7 @@ from scipy import sparse
 from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map, is_compared
-from wovenfab.lacking import LackingError, require_compiler
+from wovenfab.lacking import require_compiler
 from wovenfab.parallel import each_its_own, lock
 
 logger = logging.getLogger(__name__)
@@ -129,15 +128,7 @@ def cache_folder() -> Path:
 
     Code made for one processor may not run on another that shares the home folder.
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    if not base:
-        try:
-            base = str(Path.home() / ".cache")
-        except RuntimeError as error:
-            message = (
-                "there is no home folder to keep compiled forms in: set HOME or XDG_CACHE_HOME"
-            )
-            raise LackingError(message) from error
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     kind = hashlib.sha256(f"{_processor()} {way}".encode()).hexdigest()[:10]
     return Path(base) / "wovenfab" / "kernels" / kind
 
@@ -158,28 +149,20 @@ PATIENCE = 10
 
 
 def jit_options() -> dict[str, Any]:
-    """Return all options of dolfinx's just-in-time compiler.
-
-    None is left to dolfinx_jit_options.json, which may lie in the current folder.
-    """
-    defaults = {name: value for name, (value, _) in DOLFINX_DEFAULT_JIT_OPTIONS.items()}
+    """Return the options of dolfinx's just-in-time compiler that are not its defaults."""
     return {
-        **defaults,
         "cffi_extra_compile_args": list(FLAGS),
         "cache_dir": str(cache_folder()),
         "timeout": PATIENCE,
     }
 
 
-def form_options() -> dict[str, Any]:
-    """Return all options of FFCx; none is left to ffcx_options.json in the current folder."""
-    defaults = {name: value for name, (_, value, *_) in FFCX_DEFAULT_OPTIONS.items()}
-    return {**defaults, "scalar_type": default_scalar_type}
-
-
 def _options() -> dict[str, Any]:
     """Return the arguments of dolfinx's functions that compile."""
-    return {"form_compiler_options": form_options(), "jit_options": jit_options()}
+    return {
+        "form_compiler_options": {"scalar_type": default_scalar_type},
+        "jit_options": jit_options(),
+    }
 
 
 def _compiled[T](compile_it: Callable[[], T]) -> T:
@@ -232,7 +215,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
 
     def compile_share() -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
-            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, form_options(), jit_options()))
+            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, **_options()))
 
     each_its_own(comm, compile_share)
 

@@ -17,6 +17,8 @@ from functools import partial
 from itertools import count, product
 from typing import Any
 
+import dolfinx.jit
+import ffcx.options
 import numpy as np
 import ufl
 from ffcx.codegeneration import lnodes
@@ -381,9 +383,18 @@ def _symbols_of(numbering: Any, expression: Any) -> Any:
     return numbering.V_symbols[numbering.G.e2i[expression]]
 
 
+def _no_files() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the options of the user's and of the current folder's file: none."""
+    return {}, {}
+
+
 @contextmanager
 def own_kernels() -> Iterator[None]:
-    """Let FFCx write kernels this way, one form at a time."""
+    """Let FFCx write kernels this way, one form at a time.
+
+    Files of options (``ffcx_options.json``, ``dolfinx_jit_options.json``) are not read: those in
+    the current folder may have come with a case, and any of them may be damaged.
+    """
     writer, collects = Writer(), gc.isenabled()
     lower = partial(writer.lower, _ANALYSIS.apply_algebra_lowering)
     gradient = partial(writer.gradient, apply_derivatives.grad_to_reference_grad)
@@ -392,6 +403,8 @@ def own_kernels() -> Iterator[None]:
         replaced(apply_derivatives, "grad_to_reference_grad", gradient),
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
+        replaced(ffcx.options, "_load_options", _no_files),
+        replaced(dolfinx.jit, "_load_options", _no_files),
     ):
         # UFL makes many small objects that stay: looking for garbage among them takes a third.
         gc.disable()
