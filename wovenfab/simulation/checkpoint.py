@@ -9,7 +9,8 @@ from __future__ import annotations
 import json
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -218,15 +219,31 @@ def go_on(simulation: Simulation, checkpoint: Checkpoint, directory: Path) -> No
     """
     problem: Exception | None = None
     try:
-        simulation.resume(checkpoint)
+        with _fitting(directory):
+            simulation.resume(checkpoint)
+    except NothingToResumeError as error:
+        problem = error
+    agree(simulation.comm, problem)
+
+
+@contextmanager
+def _fitting(directory: Path) -> Iterator[None]:
+    """Say of a checkpoint that lacks what is taken from it that it does not fit.
+
+    Its digest tells damage, not what another program wrote.
+
+    Raises:
+        NothingToResumeError: In place of what Python says.
+    """
+    try:
+        yield
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         logger.debug("the checkpoint does not fit", exc_info=True)
-        problem = NothingToResumeError(
+        raise NothingToResumeError(
             f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
             "another run; run the case from its beginning, into another directory or with "
             "--overwrite"
-        )
-    agree(simulation.comm, problem)
+        ) from None
 
 
 def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
@@ -240,12 +257,13 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
         raise NothingToResumeError(
             f"{directory} is a part of a study, which goes on when the study is repeated"
         )
-    if case.accuracy is not None:
-        case = _with_choices(case, checkpoint, directory)
-    before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
-    differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
-    if not differing and not _has_made(case, checkpoint):
-        differing = [f"program before t = {checkpoint.time:.6g} s"]
+    with _fitting(directory):
+        if case.accuracy is not None:
+            case = _with_choices(case, checkpoint, directory)
+        before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
+        differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+        if not differing and not _has_made(case, checkpoint):
+            differing = [f"program before t = {checkpoint.time:.6g} s"]
     if differing:
         raise NothingToResumeError(
             f"the run in {directory} cannot go on with this case: {' and '.join(differing)} "
@@ -261,7 +279,9 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
     Raises:
         NothingToResumeError: It has other cells or edges, on every rank.
     """
-    if not _has_mesh(sheet, checkpoint):
+    with _fitting(directory):
+        same = _has_mesh(sheet, checkpoint)
+    if not same:
         raise NothingToResumeError(
             f"the run in {directory} cannot go on: its geometry, or a file that this reads, now "
             "gives another mesh. Go on with the geometry as it was, or run this case into another "
@@ -271,15 +291,20 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
 
 def _has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
     """Return whether a sheet has the cells and the edges of a checkpoint; collective."""
-    now, comm = _mesh_of(sheet), sheet.mesh.comm
-    same = sheet.edges == checkpoint.values[EDGES]
-    if now is not None:
+    now = _mesh_of(sheet)
+
+    def same() -> bool:
+        assert now is not None
         before = checkpoint.arrays[MESH]
         size = float(np.ptp(now[:, :6].reshape(-1, 2), axis=0).max())
-        same = same and before.shape == now.shape
-        same = same and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
-        same = same and bool((now[:, 6:] == before[:, 6:]).all())
-    return bool(comm.bcast(same))
+        return (
+            sheet.edges == checkpoint.values[EDGES]
+            and before.shape == now.shape
+            and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
+            and bool((now[:, 6:] == before[:, 6:]).all())
+        )
+
+    return by_first(sheet.mesh.comm, same)
 
 
 def _mesh_of(sheet: Sheet) -> Array | None:
@@ -333,27 +358,36 @@ def state_of(case: Case, model: Model) -> tuple[Array, str]:
     assert directory is not None
     try:
         checkpoint = load_checkpoint(directory, model.comm)
+        with _fitting(directory):
+            differing, name = _differing(case, model, checkpoint)
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
+    if differing:
+        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
+        remedy = "Take the same sheet, elements and number of placements."
+        raise CaseError([case.problem(STATE, message, remedy)])
+    state: Array = SnapshotFormat(model).scatter({ARRAY: name}, checkpoint.arrays)
+    return state, (
+        f"starting from the state of {directory} at {checkpoint.time:.6g} s: displacements, work "
+        "and dissipated energy count from there"
+    )
+
+
+def _differing(case: Case, model: Model, checkpoint: Checkpoint) -> tuple[list[str], str]:
+    """Return what the sheet of a checkpoint has otherwise, and its array of a state; collective."""
     before, now = checkpoint.values["case"], fixed_part(case)
     parts = "sheet", "discretisation"
     differing = [name for name in parts if before.get(name) != now.get(name)]
     if not _has_mesh(model.sheet, checkpoint) and not differing:
         differing = ["the meshes that its geometry gives"]
-    states = checkpoint.values["stepper"]["state"]["states"]
+    name = str(checkpoint.values["stepper"]["state"]["states"][0][ARRAY])
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
-    shapes = model.comm.bcast({n: a.shape for n, a in checkpoint.arrays.items()})
-    if not differing and shapes[states[0][ARRAY]][1] != size:
+    cells, values = by_first(model.comm, lambda: checkpoint.arrays[name].shape)
+    if not differing and values != size:
         differing = ["the number of placements"]
-    if differing:
-        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
-        remedy = "Take the same sheet, elements and number of placements."
-        raise CaseError([case.problem(STATE, message, remedy)])
-    state: Array = SnapshotFormat(model).scatter(states[0], checkpoint.arrays)
-    return state, (
-        f"starting from the state of {directory} at {checkpoint.time:.6g} s: displacements, work "
-        "and dissipated energy count from there"
-    )
+    if not differing and cells != model.sheet.mesh.topology.index_map(2).size_global:
+        differing = ["the number of cells"]
+    return differing, name
 
 
 def fixed_part(case: Case) -> dict[str, Any]:
