@@ -1,8 +1,8 @@
 """``python3 -m tests.fuzz.results [COUNT]``: damaged results directories, each used by commands.
 
-``report``, ``export`` and ``resume`` end with exit code 0, 2 or 3 and no traceback, in 120 s of a processor. What
-is printed has no control characters. Reading executes nothing. The files of the run are those
-before, but for what a resumed run adds; a refused one changes nothing.
+``report``, ``export`` and ``resume`` end with exit code 0, 2 or 3 and no traceback, in 120 s of a
+processor. What is printed has no control characters. Reading executes nothing. The files of the run
+are those before, but for what a resumed run adds; a refused one changes nothing.
 """
 
 from __future__ import annotations
