@@ -73,6 +73,26 @@ Way = Callable[[str, Any, Path], Case]
             "[0.45 mm, 150 mm] or [0.45 m, 150 mm]",
         ),
         (
+            "effects.stretch.stiffness",
+            [400, "400 kN/m * (1 + x/0.3 m)"],
+            "[400 kN/m, 400 kN/m * (1 + x/0.3 m)] or [400 N/m, 400 kN/m * (1 + x/0.3 m)]",
+        ),
+        (
+            "effects.stretch.stiffness",
+            ["20 kN * exp(-x/1 m) / 1 m", 30],
+            "[20 kN * exp(-x/1 m) / 1 m, 30 N/m]",
+        ),
+        (
+            "boundary.right.displacement",
+            ["program + 5 mm", 3],
+            "[program + 5 mm, 3 mm] or [program + 5 mm, 3 m]",
+        ),
+        (
+            "boundary.top",
+            {"force": ["1 kN/m * x/0.3 m", 5]},
+            "[1 kN/m * x/0.3 m, 5 kN/m] or [1 kN/m * x/0.3 m, 5 N/m]",
+        ),
+        (
             AT,
             {"type": "line", "ends": [["0 m", "0.1 m"], [0.5, "150 mm"]]},
             "[0.5 mm, 150 mm] or [0.5 m, 150 mm]",
@@ -104,6 +124,8 @@ def test_numbers_and_units_in_one_list_are_refused_with_both_readings(
         ("boundary.right.displacement", ["program", "0 mm"], ["program", 0]),
         ("boundary.top", {"force": "0, 5 N/mm"}, {"force": [0, 5e3]}),
         ("boundary.top", {"force": [0, "5 N/mm"]}, {"force": [0, 5e3]}),
+        ("boundary.right.displacement", ["program + 5 mm", 0], ["program + 5 mm", "0 m"]),
+        ("boundary.right.displacement", ["2*program", 0.003], ["2*program", "3 mm"]),
         (AT, {"type": "point", "at": [0, "150 mm"]}, {"type": "point", "at": [0, 0.15]}),
         (AT, {"type": "point", "at": "450, 150 mm"}, {"type": "point", "at": [0.45, 0.15]}),
     ],
@@ -188,6 +210,9 @@ def test_values_of_a_sweep_have_the_same_rule(tmp_path: Path) -> None:
         assert values == [{"sheet.length": "200 mm"}, {"sheet.length": "300 mm"}]
     with pytest.raises(CaseError, match=r"--over sheet.length: 300 has no unit, but others have"):
         read_over("sheet.length=200 mm,300")
+    for values in ("400,400 kN/m * x/0.3 m", "400 kN/m * x/0.3 m,400"):
+        with pytest.raises(CaseError, match=r"400 has no unit, but others have"):
+            read_over(f"effects.stretch.stiffness={values}")
     path = tmp_path / "sweep.yaml"
     path.write_text(f"case: {BIAS}\nover:\n  sheet.length: [200, 300 mm]\n")
     with pytest.raises(CaseError, match=r"sweep.yaml:3: over.sheet.length: 200 has no unit"):

@@ -282,6 +282,14 @@ def test_a_title_is_cut_where_it_would_not_be_read(small: Path) -> None:
     assert source.title.startswith("word word") and len(source.title) < 1000
 
 
+def test_more_cycles_than_rows_are_damage(small: Path) -> None:
+    summary = json.loads((small / "summary.json").read_text())
+    summary["cycles"] = [{"start_s": 1e-6 * i, "end_s": 1e-6 * (i + 1)} for i in range(20_000)]
+    (small / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(UnreadableResultsError, match=r"summary\.json: there are 20000 cycles for"):
+        open_run_data(small)
+
+
 @pytest.mark.parametrize("travel", [1e300, 1e-300])
 def test_a_summary_out_of_all_range_is_damaged(travel: float, small: Path) -> None:
     summary = json.loads((small / "summary.json").read_text())

@@ -162,6 +162,25 @@ def is_formula(text: str) -> bool:
     return True
 
 
+def unit_of_formula(text: str) -> str | None:
+    """Return the unit of the value of a formula whose numbers have units.
+
+    Returns:
+        That of its first number of the same kind, as written, else SI. None of a pure number, of a
+        formula without units, and of what is no formula.
+    """
+    try:
+        given = dict.fromkeys(token.unit for token in tokens_of(text) if token.unit)
+        dimension = _dimension(_parse(text)) if given else None
+    except FormulaError:
+        return None
+    if dimension in (None, _CONDITION):
+        return None
+    kinds = (*given, *units.KINDS, "N")
+    same = (kind for kind in kinds if units.in_si(kind)[1] == dimension)
+    return next(same, units.SOME_SI) or None
+
+
 class Token(NamedTuple):
     """A number with its unit, a name, a sign or the end, and where it stands in the text."""
 

@@ -17,7 +17,7 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
-from wovenfab.case import units
+from wovenfab.case import lists, units
 from wovenfab.case.document import Document
 from wovenfab.case.errors import (
     CaseError,
@@ -314,9 +314,9 @@ class Several:
 
     def _listed(self, value: Any) -> Any:
         if isinstance(value, str):
-            value = units.numbers_of(value) or value
+            value = lists.numbers_of(value) or value
         if isinstance(value, list | tuple):
-            if problem := units.mixed(value):
+            if problem := lists.mixed(value):
                 raise wrong(*problem)
             return value
         return [value] * self.copies if self.copies else value

@@ -15,6 +15,7 @@ from wovenfab.case.errors import CaseError
 from wovenfab.case.fingerprint import EFFECT, STATE, contents_of
 from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
+from wovenfab.parallel import by_first
 from wovenfab.record.field_file import PROGRAM, Checkpoint
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.simulation.checkpoint import (
@@ -22,6 +23,7 @@ from wovenfab.simulation.checkpoint import (
     SAME,
     Array,
     SnapshotFormat,
+    fitting,
     has_mesh,
     load_checkpoint,
     values_at,
@@ -43,12 +45,13 @@ def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
         raise NothingToResumeError(
             f"{directory} is a part of a study, which goes on when the study is repeated"
         )
-    if case.accuracy is not None:
-        case = _with_choices(case, checkpoint, directory)
-    before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
-    differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
-    if not differing and not _has_made(case, checkpoint):
-        differing = [f"program before t = {checkpoint.time:.6g} s"]
+    with fitting(directory):
+        if case.accuracy is not None:
+            case = _with_choices(case, checkpoint, directory)
+        before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
+        differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
+        if not differing and not _has_made(case, checkpoint):
+            differing = [f"program before t = {checkpoint.time:.6g} s"]
     if differing:
         raise NothingToResumeError(
             f"the run in {directory} cannot go on with this case: {' and '.join(differing)} "
@@ -92,24 +95,33 @@ def state_of(case: Case, model: Model) -> Array:
     try:
         checkpoint = load_checkpoint(directory, model.comm)
         _require_case(checkpoint, directory)
+        with fitting(directory):
+            differing, name = _differing(case, model, checkpoint)
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
+    if differing:
+        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
+        remedy = "Take the same sheet, elements and number of placements."
+        raise CaseError([case.problem(STATE, message, remedy)])
+    state: Array = SnapshotFormat(model).scatter({ARRAY: name}, checkpoint.arrays)
+    return state
+
+
+def _differing(case: Case, model: Model, checkpoint: Checkpoint) -> tuple[list[str], str]:
+    """Return what the sheet of a checkpoint has otherwise, and its array of a state; collective."""
     before, now = checkpoint.values["case"], fixed_part(case)
     parts = "sheet", "discretisation"
     differing = [name for name in parts if before.get(name) != now.get(name)]
     if not has_mesh(model.sheet, checkpoint) and not differing:
         differing = ["the meshes that its geometry gives"]
-    states = checkpoint.values["stepper"]["state"]["states"]
+    name = str(checkpoint.values["stepper"]["state"]["states"][0][ARRAY])
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
-    shapes = model.comm.bcast({n: a.shape for n, a in checkpoint.arrays.items()})
-    if not differing and shapes[states[0][ARRAY]][1] != size:
+    cells, values = by_first(model.comm, lambda: checkpoint.arrays[name].shape)
+    if not differing and values != size:
         differing = ["the number of placements"]
-    if differing:
-        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
-        remedy = "Take the same sheet, elements and number of placements."
-        raise CaseError([case.problem(STATE, message, remedy)])
-    state: Array = SnapshotFormat(model).scatter(states[0], checkpoint.arrays)
-    return state
+    if not differing and cells != model.sheet.mesh.topology.index_map(2).size_global:
+        differing = ["the number of cells"]
+    return differing, name
 
 
 def _require_case(checkpoint: Checkpoint, directory: Path) -> None:

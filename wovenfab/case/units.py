@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import cache
 from typing import Any
@@ -43,6 +42,9 @@ EVERYDAY = {
 }
 #: SI units of different kinds.
 _DIFFERENT = {unit for unit, _ in EVERYDAY.values()}
+
+#: In place of an SI unit that is none of :data:`KINDS`, in messages.
+SOME_SI = "(in SI units)"
 
 #: More characters than this are no number with a unit.
 LONGEST = 80
@@ -154,70 +156,10 @@ def is_quantity(text: str) -> bool:
     return len(text) <= LONGEST and _QUANTITY.fullmatch(text) is not None
 
 
-def numbers_of(text: str) -> list[str] | None:
-    """Return the numbers of a text such as ``"20, 40 mm"``; None if it is no such list.
-
-    A unit that only the last number has serves for all. A comma without a blank after it is no
-    separator, since ``"0,5 mm"`` is meant as one number.
-    """
-    parts = re.split(r",\s+", text.strip())
-    return with_last_unit(parts) if len(parts) > 1 and all(map(is_quantity, parts)) else None
-
-
-def with_last_unit(values: Sequence[Any]) -> list[Any]:
-    """Return values in which the unit that only the last number has serves for all."""
-    units = [unit for _, unit in _with_units(values)]
-    if not units or not (last := units[-1]) or any(units[:-1]):
-        return list(values)
-    return [f"{value} {last}" if unit == "" else value for value, unit in _with_units(values)]
-
-
-def mixed(values: Sequence[Any]) -> tuple[str, str] | None:
-    """Return what is wrong with a list in which some numbers have units and others have none.
-
-    A number without one could be in the SI unit, as elsewhere, or in the unit of the others. Only
-    zero is the same in all.
-
-    Returns:
-        Message, and remedy with both readings; None of a list in which nothing is wrong.
-    """
-    units = [unit for _, unit in _with_units(values) if unit]
-    bare = [v for v, unit in _with_units(values) if unit == "" and float(v)]
-    if not units or not bare:
-        return None
-    readings = dict.fromkeys(_reading(values, unit) for unit in (units[-1], _si_of(units[-1])))
-    meant = f"{' or '.join(readings)}{', whichever is meant' if len(readings) > 1 else ''}"
-    return (
-        f"{bare[0]} has no unit, but others have one",
-        f"Write {meant}: in a list each number has its own unit. A text such as '20, 40 mm' has "
-        "one unit for all.",
-    )
-
-
-def _with_units(values: Sequence[Any]) -> list[tuple[Any, str | None]]:
-    """Return each value with its unit: empty if it has none, None if it is no number."""
-    found = []
-    for value in values:
-        text = str(value) if isinstance(value, int | float | str) else ""
-        match = _QUANTITY.fullmatch(text) if len(text) <= LONGEST else None
-        found.append((value, (match["unit"] or "") if match else None))
-    return found
-
-
-def _reading(values: Sequence[Any], unit: str) -> str:
-    """Return a list as it reads if numbers without unit are in this one; empty for pure numbers."""
-
-    def read(value: Any, own: str | None) -> str:
-        if own != "" or not float(value):
-            return str(value)
-        return f"{value} {unit}" if unit else f"{100 * float(value):g} %"
-
-    return f"[{', '.join(read(*pair) for pair in _with_units(values))}]"
-
-
-def _si_of(unit: str) -> str:
-    """Return the SI unit of the same kind."""
-    return next((kind for kind in (*KINDS, "N") if measures(f"1 {unit}", kind)), "(in SI units)")
+def unit_of(text: str) -> str:
+    """Return the unit of a text that :func:`is_quantity`, as written; empty if it has none."""
+    match = _QUANTITY.fullmatch(text)
+    return (match["unit"] or "") if match else ""
 
 
 def _factor(given: str, unit: str) -> float:

@@ -333,6 +333,10 @@ def values_of(file: h5py.File, name: str) -> NDArray[Any]:
     path = Path(file.filename)
     if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "iuf":
         raise damaged(path, f"{name} has no numbers")
+    # HDF5 can take numbers from any file of the machine: an export would pass them on
+    here = Path(data.file.filename).resolve().is_relative_to(path.resolve().parent)
+    if not here or data.external or data.is_virtual:
+        raise damaged(path, f"{name} is in a file elsewhere")
     # a damaged head may claim any size: deflate shrinks a thousandfold at most
     if data.nbytes > _DEFLATED * data.id.get_storage_size() + _DEFLATED:
         raise damaged(path, f"{name} is not whole")

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -213,15 +214,31 @@ def go_on(simulation: Simulation, checkpoint: Checkpoint, directory: Path) -> No
     """
     problem: Exception | None = None
     try:
-        simulation.resume(checkpoint)
+        with fitting(directory):
+            simulation.resume(checkpoint)
+    except NothingToResumeError as error:
+        problem = error
+    agree(simulation.comm, problem)
+
+
+@contextmanager
+def fitting(directory: Path) -> Iterator[None]:
+    """Say of a checkpoint that lacks what is taken from it that it does not fit.
+
+    Its digest tells damage, not what another program wrote.
+
+    Raises:
+        NothingToResumeError: In place of what Python says.
+    """
+    try:
+        yield
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         logger.debug("the checkpoint does not fit", exc_info=True)
-        problem = NothingToResumeError(
+        raise NothingToResumeError(
             f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
             "another run; run the case from its beginning, into another directory or with "
             "--overwrite"
-        )
-    agree(simulation.comm, problem)
+        ) from None
 
 
 def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> None:
@@ -230,7 +247,9 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
     Raises:
         NothingToResumeError: It has other cells or edges, on every rank.
     """
-    if not has_mesh(sheet, checkpoint):
+    with fitting(directory):
+        same = has_mesh(sheet, checkpoint)
+    if not same:
         raise NothingToResumeError(
             f"the run in {directory} cannot go on: its geometry, or a file that this reads, now "
             "gives another mesh. Go on with the geometry as it was, or run this case into another "
@@ -240,15 +259,20 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
 
 def has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
     """Return whether a sheet has the cells and the edges of a checkpoint; collective."""
-    now, comm = mesh_of_cells(sheet), sheet.mesh.comm
-    same = sheet.edges == checkpoint.values[EDGES]
-    if now is not None:
+    now = mesh_of_cells(sheet)
+
+    def same() -> bool:
+        assert now is not None
         before = checkpoint.arrays[MESH]
         size = float(np.ptp(now[:, :6].reshape(-1, 2), axis=0).max())
-        same = same and before.shape == now.shape
-        same = same and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
-        same = same and bool((now[:, 6:] == before[:, 6:]).all())
-    return bool(comm.bcast(same))
+        return (
+            sheet.edges == checkpoint.values[EDGES]
+            and before.shape == now.shape
+            and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
+            and bool((now[:, 6:] == before[:, 6:]).all())
+        )
+
+    return by_first(sheet.mesh.comm, same)
 
 
 def mesh_of_cells(sheet: Sheet) -> Array | None:

@@ -14,7 +14,7 @@ from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 
-from wovenfab.case import units
+from wovenfab.case import lists
 from wovenfab.case.document import (
     Document,
     Place,
@@ -85,7 +85,7 @@ def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
     """
     if not values:
         raise refusal(place.file, "no value is given", line=place.line, key=key)
-    if problem := units.mixed(values):
+    if problem := lists.mixed(values):
         raise refusal(place.file, *problem, place.line, key)
     return [Variation({key: value}, {key: place}, axes=(key,)) for value in values]
 
@@ -106,7 +106,7 @@ def read_over(text: str) -> list[Variation]:
         given = parse_document(f"[{values}]", OVER).data
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key) for p in error.problems) from error
-    return axis(key, units.with_last_unit(given), Place(OVER, None))
+    return axis(key, lists.with_last_unit(given), Place(OVER, None))
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
