@@ -168,7 +168,7 @@ def test_files_of_options_are_not_read(text: str, tmp_path: Path) -> None:
         for name in ("ffcx_options.json", "dolfinx_jit_options.json"):
             (folder / name).write_text(text)
     code = (
-        "import ffcx, dolfinx.jit; from wovenfab.model import assembly\n"
+        "from wovenfab.model import assembly; import ffcx, dolfinx.jit\n"
         "def compile_it():\n"
         "    print(ffcx.get_options()['table_atol'])\n"
         "    print(dolfinx.jit.get_options()['cffi_libraries'])\n"
