@@ -7,7 +7,7 @@ jobs  = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random layers stale unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-all test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random layers stale unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -25,7 +25,13 @@ pictures: ## draw the pictures of README.md and docs/effects.md again, of the co
 	cp results/bias-1x3-effects/effects.png docs/pictures
 	$(enter) python3 -m benchmarks.accuracy_picture
 
-test: lint suite ## style, types and all tests but the slow ones
+test: lint suite ## style, types, and the tests of physics, numerics, files and interface
+
+test-all: lint dist docs ## all tests, the slow ones too, the site, the wheel, and plain kernels
+	$(enter) pytest -n $(jobs) -m "not mpi"
+	$(enter) on-ranks 2 pytest -m mpi
+	$(enter) on-ranks 4 pytest -m mpi4
+	$(enter) pytest -n $(jobs) --plain-kernels -m "not mpi and not slow" tests/forms tests/solver tests/stepping tests/verification
 
 test-next: export WOVENFAB_SUITE = sid
 test-next: suite ## the same tests with the next dolfinx (0.11), in a Debian sid

@@ -35,7 +35,7 @@ def test_cycles_repeat_at_each_frequency_or_velocity() -> None:
     text = "program={type: cycles, amplitudes: '20, 40 mm', repeat: 2, %s}"
     case = read_case(BIAS, [text % "frequency: '1, 2 Hz'"])
     turns = [(a, t) for t in (1.0, 0.5) for _ in (1, 2) for a in (0.02, 0.04)]
-    assert list(case.program[0].turns()) == turns  # type: ignore[union-attr]
+    assert list(case.program[0].segment(4).turns()) == turns  # type: ignore[union-attr]
     assert len(program_of_case(case).cycles) == 8
     assert case.planned_steps == len(program_of_case(case).milestones) - 1 == 8 * 80
     case = read_case(BIAS, [text % "max_velocity: '0.1, 0.5 m/s'"])
