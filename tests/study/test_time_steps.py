@@ -23,21 +23,15 @@ from wovenfab.simulation.response import (
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.stepping.program import program_of_case
 from wovenfab.stepping.step import StepFailedError
-from wovenfab.study.target_accuracy.estimate import (
-    DISSIPATED,
-    FEW,
-    DegreeRefinement,
-    Estimate,
-    error_and_order,
-    response_with_degree,
-    worst,
-)
-from wovenfab.study.target_accuracy.time_steps import (
+from wovenfab.study.errors.elements import FEW, DegreeRefinement, response_with_degree
+from wovenfab.study.errors.estimate import Estimate, worst
+from wovenfab.study.errors.step_search import (
     StepSearch,
     TimeSteps,
     adaptive_steps,
     equal_steps,
 )
+from wovenfab.study.errors.steps import DISSIPATED, error_and_order
 
 
 @pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
