@@ -243,6 +243,11 @@ class Study:
         return [run for run in self.runs if run.stated is not None]
 
     @property
+    def proven(self) -> list[Priced]:
+        """Those whose true error is not larger, whatever the finer answer is wrong by."""
+        return [r for r in self.stating if r.error + self.doubt <= (r.stated or 0.0)]
+
+    @property
     def understated(self) -> list[Priced]:
         """Those whose true error is larger, whatever the finer answer is wrong by."""
         return [r for r in self.stating if r.error - self.doubt > (r.stated or 0.0)]
@@ -279,6 +284,7 @@ class Study:
     def proof(self) -> str:
         """Return in words whether the stated errors are true."""
         wrong = ", ".join(r.label for r in self.understated) or "none"
+        right = ", ".join(r.label for r in self.proven) or "none"
         answer = ", ".join(
             f"{words} {self.exact[name]:.6g} {name.rpartition('_')[2]}"
             for name, words in FIGURES.items()
@@ -287,7 +293,8 @@ class Study:
         return (
             f"The finer answer: {answer}, with {self.exact['unknowns']} unknowns and "
             f"{self.exact['steps']} steps, to about {percent(self.doubt)}. "
-            f"Stated errors that are too small: {wrong} of {len(self.stating)}."
+            f"Of {len(self.stating)} stated errors these are proven to be large enough: {right}; "
+            f"these are too small: {wrong}; to judge others it would have to be finer still."
         )
 
     def table(self) -> str:
