@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from wovenfab.case import read_case
-from wovenfab.record.fingerprint import fingerprint
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.record.results import markdown, this_process
 from wovenfab.record.summary import read_summary
 from wovenfab.study.accuracy import finer_case, true_errors

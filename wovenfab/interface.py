@@ -25,12 +25,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case, refusal
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.case.programs import effect_programs
+from wovenfab.case.resume import require_same
 from wovenfab.record.history import read_history
 from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
-from wovenfab.simulation.checkpoint import load_checkpoint, require_same, require_same_mesh
-from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.checkpoint import load_checkpoint, require_same_mesh
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
 from wovenfab.simulation.simulation import Outcome, Simulation
@@ -312,9 +313,14 @@ def execute(
             case, sheet = planned.case, planned.sheet
         progress(Progress("compiling the effects"))
         with watch.phase("compile"):
-            simulation = stack.enter_context(Simulation(case, sheet))
-        if checkpoint is None and (words := simulation.prepare()):
-            listener.say(words)
+            simulation = stack.enter_context(
+                simulation_of(case, sheet, resumes=checkpoint is not None)
+            )
+        if checkpoint is None and case.from_state is not None:
+            listener.say(
+                f"starting from the last state of {case.from_state}: displacements, work and "
+                "dissipated energy count from there"
+            )
         if place is not None and checkpoint is None:
             place.open(overwrite)
             if planned is not None and planned.estimate is not None:
@@ -393,7 +399,7 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     chosen, sheet = settled(chosen, comm or MPI.COMM_WORLD, _log_warning)
-    with Simulation(chosen, sheet) as simulation:
+    with simulation_of(chosen, sheet) as simulation:
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)

@@ -12,9 +12,10 @@ from mpi4py import MPI
 
 from tests.report.sample import CASE, make
 from wovenfab.cli.report import report_results
+from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
-from wovenfab.record.history import ESSENTIAL, BiasExtension, read_history
+from wovenfab.record.history import ESSENTIAL, read_history
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary

@@ -16,10 +16,10 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.objects import options_of
 from wovenfab.interface import Execution, execute
 from wovenfab.record.fields import read_fields
 from wovenfab.record.results import CHECKPOINT, NothingToResumeError
-from wovenfab.simulation.from_case import options_of
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -358,7 +358,7 @@ def test_a_run_goes_on_with_another_time_scheme_though_a_factor_was_kept(
     before: str, after: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "wovenfab.simulation.simulation.options_of",
+        "wovenfab.case.objects.options_of",
         lambda case: replace(options_of(case), keep_from=0.0),  # however cheap it is
     )
     case = small("bias-1x3", f"time.scheme={before}", "output.every=100")

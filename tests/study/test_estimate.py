@@ -13,8 +13,8 @@ from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import model_of, sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import model_of, sheet_of
+from wovenfab.study.response import (
     peak_bound,
     prolongated,
     response_of,
@@ -22,7 +22,7 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.case.objects import simulation_of
 from wovenfab.study.errors.choice import plan
 from wovenfab.study.errors.elements import (
     FASTEST_FRICTION,
@@ -230,7 +230,7 @@ def test_a_state_of_lower_degree_has_the_prescribed_placements_of_a_higher_one()
     case = case_of("bonded-1x3", elements(3, 0.07))
     on = sheet(case)
     pulled = 0.0123
-    with Simulation(case, on) as low, Simulation(with_elements(case, degree=4), on) as high:
+    with simulation_of(case, on) as low, simulation_of(with_elements(case, degree=4), on) as high:
         for simulation in (low, high):
             simulation.solver.problem.prescribe(pulled)
         assert low.solver.solve().converged

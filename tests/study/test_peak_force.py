@@ -8,8 +8,8 @@ from mpi4py import MPI
 
 from benchmarks.probe import CASE, sample
 from wovenfab.case import read_case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import sheet_of
+from wovenfab.study.response import (
     peak_bound,
     peak_of_spline,
     response_of,

@@ -10,7 +10,7 @@ import pytest
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Case, Cycles, Ramp, read_case
 from wovenfab.simulation.progress import InterruptedRunError
-from wovenfab.simulation.response import (
+from wovenfab.study.response import (
     Budget,
     TooLongError,
     missed_peak,
@@ -21,7 +21,7 @@ from wovenfab.simulation.response import (
     with_steps,
 )
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.stepping.program import program_of_case
+from wovenfab.case.program import program_of_case
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.elements import FEW, DegreeRefinement, response_with_degree
 from wovenfab.study.errors.estimate import Estimate, worst

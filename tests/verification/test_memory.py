@@ -26,9 +26,17 @@ from tests.verification.test_closed_forms import (
     TWO_STEPS,
     whole,
 )
-from wovenfab.forms.effect import Bound, Effect, InternalVariable, Needs, Parameter, Target
+from wovenfab.forms.effect import (
+    Bound,
+    Effect,
+    InternalVariable,
+    Needs,
+    Parameter,
+    Target,
+    Term,
+)
 from wovenfab.forms.kinematics import shear_tangent
-from wovenfab.model.constraints import EdgeLoad
+from wovenfab.model.constraints import Condition, EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -96,11 +104,12 @@ def built(
     chosen: Sequence[str | Effect],
     numerics: Numerics = TWO_STEPS,
     values: Any = VALUES,
-    **more: Any,
+    conditions: Sequence[Condition] = (),
 ) -> Model:
     """Return a model of effects by name, or as they are."""
     effects = [scenes.effect(e) if isinstance(e, str) else e for e in chosen]
-    return build_model(on, effects, values, numerics, **more)
+    terms = [Term(e, values[e.name]) for e in effects]
+    return build_model(on, terms, conditions, numerics)
 
 
 def slider(friction: Effect, history: int = 2) -> Model:
@@ -162,7 +171,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_one() -> None:
     errors = []
     for count in (40, 80, 160):
         on = whole(length, 0.1, 0.1, scenes.ALONG)
-        model = built(on, ("stretch", "coupling", WEAR), values=stiff, loads=[load])
+        model = built(on, ("stretch", "coupling", WEAR), values=stiff, conditions=[load])
         suddenly = ramp(0.0, 1.0, 1e-6 * duration, 1)
         program = program_of([suddenly, ramp(1.0, 1.0, duration, count)])
         scenes.march(model, program, "bdf2", (SECOND_AT_REST,))

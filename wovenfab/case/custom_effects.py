@@ -27,12 +27,13 @@ from wovenfab import forms
 from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
-from wovenfab.case.errors import in_brief, one_of, refusal, wrong
+from wovenfab.case.errors import one_of, refusal, wrong
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
 from wovenfab.forms.friction import PointFriction, components_of
 from wovenfab.forms.kinematics import point_of
 from wovenfab.lacking import LackingError
+from wovenfab.plain_text import in_brief
 
 #: Keys of an effect that are no parameters.
 RESERVED = (FILE, LAW)

@@ -19,8 +19,9 @@ from mpi4py import MPI
 
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
+from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
-from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
+from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
@@ -29,8 +30,11 @@ if TYPE_CHECKING:
     from wovenfab.forms.friction import PointFriction
 
 
-#: A parameter: a number, or a function of the reference position (UFL in and out).
-Value = float | Callable[[Any], Any]
+#: A parameter: a number, a UFL expression such as a fem.Constant or fem.Function, or a function of
+#: the reference position (UFL in and out).
+Value = Any
+#: A further potential (J): a functional in UFL of the displacements of both families (m).
+Potential = Callable[[tuple[Any, Any]], Any]
 #: The name under which dead loads stand beside the effects in :attr:`Model.weights`.
 LOAD = "dead load"
 
@@ -40,19 +44,19 @@ class Numerics:
     """Choices of discretisation.
 
     Attributes:
-        degree: Degree of the Lagrange elements.
+        degree: Degree of the Lagrange elements, 1 to 5.
         quadrature: Quadrature degree; None for twice the element degree.
         penalty: sigma of the interior penalty; None for the automatic local value.
-        history: Earlier states that the time scheme's rates use (0 without a rate).
+        history: Earlier states that rates may use: as many as the time scheme, or more.
         mixed: Use the mixed-integration-point tangent.
         friction: Quadrature degree of set-valued friction; None for the finest rule by which
             the stress of yarns that stick is unique.
     """
 
-    degree: int
+    degree: int = 3
     quadrature: int | None = None
     penalty: float | None = None
-    history: int = 1
+    history: int = 2
     mixed: bool = True
     friction: int | None = None
 
@@ -64,6 +68,8 @@ class Model:
     Attributes:
         sheet: The meshed sheet.
         effects: The effects of the scene.
+        potentials: Names of the further potentials.
+        grips: How edges are held.
         numerics: The discretisation.
         placements: The unknowns: one placement, or two that may jump.
         field: Present displacement, m.
@@ -87,6 +93,8 @@ class Model:
 
     sheet: Sheet
     effects: tuple[Effect, ...]
+    potentials: tuple[str, ...]
+    grips: tuple[Grip, ...]
     numerics: Numerics
     placements: Placements
     field: fem.Function
@@ -140,9 +148,19 @@ class Model:
                 result[name] = assemble_scalar(forms, self.comm)
         return result
 
+    @property
+    def storing(self) -> tuple[str, ...]:
+        """Names of the effects that store energy, and of the further potentials."""
+        return (*(e.name for e in self.effects if not e.dissipative), *self.potentials)
+
+    @property
+    def losing(self) -> tuple[str, ...]:
+        """Names of the effects that lose energy."""
+        return tuple(e.name for e in self.effects if e.loses)
+
     def stored_energy(self) -> dict[str, float]:
         """Return the stored energy (J) by effect."""
-        return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
+        return self.shares(self.potential, self.storing)
 
     def dissipated_power(self) -> dict[str, float]:
         """Return the dissipated power (W) of each effect that depends on a rate."""
@@ -168,22 +186,34 @@ def preserved(*items: fem.Function | fem.Constant) -> Iterator[None]:
 
 def build_model(
     sheet: Sheet,
-    effects: Sequence[Effect],
-    values: Mapping[str, Mapping[str, Value | tuple[Value, Value]]],
-    numerics: Numerics,
-    rotation_edges: tuple[Sequence[str], Sequence[str]] = ((), ()),
-    loads: Sequence[EdgeLoad] = (),
+    terms: Sequence[Term],
+    conditions: Sequence[Condition] = (),
+    numerics: Numerics | None = None,
+    potentials: Mapping[str, Potential] | None = None,
 ) -> Model:
-    """Build and compile the model of a scene.
+    """Build and compile the model of a scene; collective.
 
     Args:
         sheet: The meshed sheet.
-        effects: Effects of the scene.
-        values: Parameter values in SI units by effect and parameter name.
+        terms: Effects with their parameters, such as ``shear(400.0)``, each effect once.
+        conditions: How edges are held, and dead loads on them.
         numerics: Discretisation.
-        rotation_edges: For each family, the edges that hold its yarn directions.
-        loads: Dead loads on edges.
+        potentials: Further potentials by names that no effect has.
+
+    Raises:
+        ValueError: There is no effect, one twice, or an edge that the sheet has not got.
     """
+    names = [*(t.effect.name for t in terms), *(potentials or {})]
+    if not terms or len({*names, LOAD}) <= len(names):
+        raise ValueError(f"a model has some effects and potentials, each once, not {names}")
+    if unknown := [c.edge for c in conditions if c.edge not in sheet.edges]:
+        raise ValueError(f"the sheet has no edge {unknown[0]!r}, but {', '.join(sheet.edges)}")
+    numerics, effects = numerics or Numerics(), [t.effect for t in terms]
+    grips = tuple(c for c in conditions if isinstance(c, Grip))
+    rotations = [
+        [g.edge for g in grips if g.rotation and family in g.families] for family in (0, 1)
+    ]
+    loads = [c for c in conditions if isinstance(c, EdgeLoad)]
     mesh = sheet.mesh
     count = max(e.needs.placements for e in effects)
     placements = placements_on(mesh, numerics.degree, count, sheet.jumps)
@@ -193,7 +223,7 @@ def build_model(
     kept = numerics.history if remembered else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
-    terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
+    terms = tuple(Term(t.effect, _symbols(mesh, t.values), _constant(mesh, 1.0)) for t in terms)
     quadrature = numerics.quadrature or 2 * numerics.degree
     degree = numerics.friction or finest_rule(numerics.degree)
     variables = {
@@ -205,6 +235,10 @@ def build_model(
     on_edges = partial(_measure, mesh, sheet)
     load_weight, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(3))
     loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
+    further = {
+        name: (_constant(mesh, 1.0), potential(displacements(field)))
+        for name, potential in (potentials or {}).items()
+    }
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
@@ -214,10 +248,11 @@ def build_model(
         quadrature=quadrature,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
         facets=(crossed_facets(mesh, sheet.fibres[0]), crossed_facets(mesh, sheet.fibres[1])),
-        held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
+        held_edges=(on_edges(rotations[0]), on_edges(rotations[1])),
         loads=loading.loads,
         load_weight=load_weight,
         geometric_weight=geometric_weight,
+        potentials=tuple(further.values()),
     )
     memory = Memory(list(variables.values()), balance) if variables else None
     frictions = tuple(
@@ -228,6 +263,8 @@ def build_model(
     return Model(
         sheet=sheet,
         effects=tuple(effects),
+        potentials=tuple(further),
+        grips=grips,
         numerics=numerics,
         placements=placements,
         field=field,
@@ -238,7 +275,11 @@ def build_model(
         geometric_weight=geometric_weight,
         loading=loading,
         balance=balance,
-        weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
+        weights={
+            **{t.effect.name: t.weight for t in terms},
+            **{name: weight for name, (weight, _) in further.items()},
+            LOAD: load_weight,
+        },
         point_frictions=frictions,
         memory=memory,
         **compile_sums(sums, mesh.comm),
@@ -284,6 +325,8 @@ def _measure(mesh: Any, sheet: Sheet, edges: Sequence[str]) -> Any | None:
 
 def _symbol(mesh: Any, value: Value) -> Any:
     """Return a number as a constant of the forms, or a field as its expression."""
+    if isinstance(value, ufl.core.expr.Expr):
+        return value
     return value(ufl.SpatialCoordinate(mesh)) if callable(value) else _constant(mesh, value)
 
 
@@ -301,7 +344,7 @@ def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> P
     from wovenfab.forms.friction import PointFriction, components_of
 
     size = components_of(term, balance)
-    stress, tangent = (point_function(mesh, size, degree) for _ in "12")
+    stress, tangent = (point_function(mesh, size, degree) for _ in range(2))
     return PointFriction(term, balance, stress, tangent, degree)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wovenfab.case.schema import Line, Yarn
 from wovenfab.parallel import agree, on_root
 from wovenfab.record.field_file import (
     FIELDS,
@@ -29,6 +28,7 @@ from wovenfab.record.field_file import (
 from wovenfab.record.reading import damaged
 from wovenfab.record.results import LINES, rows_of, write_csv
 from wovenfab.sheet.lattice import ON_SIDE, Lattice, locate
+from wovenfab.sheet.probes import Line, Yarn
 
 if TYPE_CHECKING:
     from mpi4py import MPI

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
+from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
-from wovenfab.record.history import BiasExtension, index_of_peak, peak_force
+from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.record.reading import damaged, read_object, text_of
 from wovenfab.record.results import this_process, write_csv, write_whole
 from wovenfab.versions import versions

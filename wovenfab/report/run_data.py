@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
 from wovenfab.case import units
+from wovenfab.case.recorded import read_yaml
 from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.reading import damaged, read_yaml
+from wovenfab.record.reading import damaged
 from wovenfab.record.results import Provenance, of_summary, this_process
 from wovenfab.record.summary import SUMMARY, Cycle, cycles, read_summary
 from wovenfab.report.style import millimetres

@@ -22,8 +22,8 @@ from wovenfab.case import Case, read_case
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.record.summary import read_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import sheet_of
+from wovenfab.study.response import (
     NOTHING,
     has_fixed_steps,
     trial_of,

@@ -21,13 +21,13 @@ from petsc4py import PETSc
 
 from wovenfab.case import Case, CaseError
 from wovenfab.case.formula import Expression
+from wovenfab.case.objects import differentiate, simulation_of
 from wovenfab.case.quantities import coefficients
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
 from wovenfab.stepping.step import Step
 from wovenfab.study.errors.report import settled
@@ -73,7 +73,7 @@ def measure(case: Case, sheet: Sheet) -> Cost:
     with ExitStack() as stack:
         with _empty_cache(sheet.mesh.comm):
             start = time.perf_counter()
-            simulation = stack.enter_context(Simulation(case, sheet, "ignore"))
+            simulation = stack.enter_context(simulation_of(case, sheet, "ignore"))
             compiled = time.perf_counter() - start
         PETSc.Log.begin()
         tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
@@ -312,8 +312,8 @@ def sensitivities(
     """
     rows: list[dict[str, float]] = []
     case, sheet = settled(case, comm, say)
-    with Simulation(case, sheet) as simulation:
-        simulation.differentiate(targets)
+    with simulation_of(case, sheet) as simulation:
+        differentiate(simulation, case, targets)
         for step in simulation.steps():
             assert step.derivatives is not None
             row = {

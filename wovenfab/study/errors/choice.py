@@ -12,8 +12,8 @@ from mpi4py import MPI
 from wovenfab.case import Case
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import sheet_of
+from wovenfab.study.response import (
     Budget,
     Response,
     TooLongError,

@@ -18,7 +18,7 @@ from wovenfab.forms.kinematics import point_of, point_variation
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.response import (
+from wovenfab.study.response import (
     Budget,
     Response,
     prolongated,

@@ -21,7 +21,7 @@ from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.lattice import Lattice
-from wovenfab.simulation.response import Response
+from wovenfab.study.response import Response
 from wovenfab.study.errors.elements import DegreeRefinement, error_shares
 from wovenfab.study.errors.steps import PEAK
 

@@ -12,9 +12,9 @@ from mpi4py import MPI
 
 from wovenfab.case import Case
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import follows_fibres
-from wovenfab.simulation.response import UNIT, with_elements, work
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.case.objects import follows_fibres
+from wovenfab.study.response import UNIT, with_elements, work
+from wovenfab.case.objects import simulation_of
 
 #: Returns the sheet of a case; collective over the communicator.
 Mesher = Callable[[Case, MPI.Comm], Sheet]
@@ -184,6 +184,6 @@ def compile_ahead(
     with suppress(Exception):
         sheet = mesher(case, MPI.COMM_SELF)
         for degree in degrees[comm.rank - 1 :: comm.size - 1]:
-            with Simulation(with_elements(case, degree=degree), sheet):
+            with simulation_of(with_elements(case, degree=degree), sheet):
                 pass
             yield degree

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from wovenfab.case import Case, Cycles
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import missed_peak
+from wovenfab.case.objects import sheet_of
+from wovenfab.study.response import missed_peak
 from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
@@ -133,7 +133,7 @@ def expected_seconds(case: Case) -> float:
     known = traits(case)
     trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
     segments = chain(*case.programs.values())
-    cycles = sum(s.count for s in segments if isinstance(s, Cycles))
+    cycles = sum(s.segment(2).count for s in segments if isinstance(s, Cycles))
     return trials + run * max(1, cycles)
 
 

@@ -19,8 +19,8 @@ from wovenfab.case import Case
 from wovenfab.model.model import Model
 from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import scheme_of, sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import scheme_of, sheet_of
+from wovenfab.study.response import (
     Budget,
     Response,
     TooLongError,
@@ -33,7 +33,7 @@ from wovenfab.simulation.response import (
     with_extra_times,
     with_steps,
 )
-from wovenfab.stepping.program import program_of_case
+from wovenfab.case.program import program_of_case
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.estimate import SAFETY, Estimate, worst

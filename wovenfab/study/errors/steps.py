@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
-from wovenfab.simulation.response import Response, peak_of_spline
+from wovenfab.study.response import Response, peak_of_spline
 from wovenfab.study.errors.refinement import error_of_degrees
 
 PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
