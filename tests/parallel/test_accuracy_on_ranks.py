@@ -14,6 +14,11 @@ from wovenfab.case.objects import model_of, sheet_of
 from wovenfab.model.assembly import cache_folder
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation import progress
+from wovenfab.study.errors.choice import Plan, plan
+from wovenfab.study.errors.elements import error_shares
+from wovenfab.study.errors.estimate import ERRORS, write_errors
+from wovenfab.study.errors.meshes import compile_ahead
+from wovenfab.study.errors.step_search import StepSearch
 from wovenfab.study.response import (
     Response,
     prolongated,
@@ -21,11 +26,6 @@ from wovenfab.study.response import (
     trial_of,
     with_elements,
 )
-from wovenfab.study.errors.choice import Plan, plan
-from wovenfab.study.errors.elements import error_shares
-from wovenfab.study.errors.estimate import ERRORS, write_errors
-from wovenfab.study.errors.meshes import compile_ahead
-from wovenfab.study.errors.step_search import StepSearch
 
 pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF

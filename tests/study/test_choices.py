@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 import wovenfab.study.errors.choice as plan_module
 from tests.study.test_estimate import ALONE, case_of, elements, sheet
 from wovenfab.case import Case
-from wovenfab.sheet.sheet import Sheet
-from wovenfab.study.response import Response, response_of
 from wovenfab.case.objects import simulation_of
+from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.errors import report
@@ -23,6 +22,7 @@ from wovenfab.study.errors.choice import Plan, plan
 from wovenfab.study.errors.elements import FEW, response_with_degree
 from wovenfab.study.errors.estimate import SAFETY
 from wovenfab.study.errors.report import UNKNOWN, report_errors
+from wovenfab.study.response import Response, response_of
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
 #: Limit as in tests/verification/test_few_unknowns.py, N.

@@ -12,17 +12,8 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import model_of, sheet_of, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import model_of, sheet_of
-from wovenfab.study.response import (
-    peak_bound,
-    prolongated,
-    response_of,
-    trial_of,
-    with_elements,
-    with_steps,
-)
-from wovenfab.case.objects import simulation_of
 from wovenfab.study.errors.choice import plan
 from wovenfab.study.errors.elements import (
     FASTEST_FRICTION,
@@ -37,6 +28,14 @@ from wovenfab.study.errors.estimate import Estimate, stated_error, worst
 from wovenfab.study.errors.meshes import Limits
 from wovenfab.study.errors.refinement import FASTEST_UNSHOWN, error_of_degrees
 from wovenfab.study.errors.steps import DISSIPATED, PEAK, StepRefinement
+from wovenfab.study.response import (
+    peak_bound,
+    prolongated,
+    response_of,
+    trial_of,
+    with_elements,
+    with_steps,
+)
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ALONE = MPI.COMM_SELF

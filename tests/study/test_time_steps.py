@@ -9,19 +9,9 @@ import pytest
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Case, Cycles, Ramp, read_case
-from wovenfab.simulation.progress import InterruptedRunError
-from wovenfab.study.response import (
-    Budget,
-    TooLongError,
-    missed_peak,
-    peak_of_spline,
-    response_of,
-    trial_of,
-    with_elements,
-    with_steps,
-)
-from wovenfab.solver.newton import NewtonSolver
 from wovenfab.case.program import program_of_case
+from wovenfab.simulation.progress import InterruptedRunError
+from wovenfab.solver.newton import NewtonSolver
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.elements import FEW, DegreeRefinement, response_with_degree
 from wovenfab.study.errors.estimate import Estimate, worst
@@ -32,6 +22,16 @@ from wovenfab.study.errors.step_search import (
     equal_steps,
 )
 from wovenfab.study.errors.steps import DISSIPATED, error_and_order
+from wovenfab.study.response import (
+    Budget,
+    TooLongError,
+    missed_peak,
+    peak_of_spline,
+    response_of,
+    trial_of,
+    with_elements,
+    with_steps,
+)
 
 
 @pytest.mark.parametrize("order", [1.0, 1.7, 3.0])

@@ -19,10 +19,13 @@ from typing import Any
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import sheet_of
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.record.summary import read_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import sheet_of
+from wovenfab.study.cluster import CASE
+from wovenfab.study.errors.choice import COARSEST, SCHEME
+from wovenfab.study.errors.meshes import has_free_size, shorter_side, with_cells
 from wovenfab.study.response import (
     NOTHING,
     has_fixed_steps,
@@ -30,9 +33,6 @@ from wovenfab.study.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.study.cluster import CASE
-from wovenfab.study.errors.choice import COARSEST, SCHEME
-from wovenfab.study.errors.meshes import has_free_size, shorter_side, with_cells
 from wovenfab.study.sweep import Member, Run
 from wovenfab.study.variations import Variation
 

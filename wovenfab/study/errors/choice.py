@@ -10,18 +10,9 @@ from math import inf
 from mpi4py import MPI
 
 from wovenfab.case import Case
+from wovenfab.case.objects import sheet_of
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import sheet_of
-from wovenfab.study.response import (
-    Budget,
-    Response,
-    TooLongError,
-    has_fixed_steps,
-    trial_of,
-    with_elements,
-    work,
-)
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.elements import (
@@ -45,6 +36,15 @@ from wovenfab.study.errors.meshes import (
     with_cells,
 )
 from wovenfab.study.errors.step_search import ALMOST, Report, StepSearch
+from wovenfab.study.response import (
+    Budget,
+    Response,
+    TooLongError,
+    has_fixed_steps,
+    trial_of,
+    with_elements,
+    work,
+)
 
 logger = logging.getLogger(__name__)
 

@@ -18,6 +18,7 @@ from wovenfab.forms.kinematics import point_of, point_variation
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.study.errors.refinement import FASTEST, error_of_degrees
 from wovenfab.study.response import (
     Budget,
     Response,
@@ -26,7 +27,6 @@ from wovenfab.study.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.study.errors.refinement import FASTEST, error_of_degrees
 
 Array = NDArray[np.float64]
 #: Fastest convergence that is believed with set-valued and with other friction. Where yarns begin

@@ -21,9 +21,9 @@ from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.lattice import Lattice
-from wovenfab.study.response import Response
 from wovenfab.study.errors.elements import DegreeRefinement, error_shares
 from wovenfab.study.errors.steps import PEAK
+from wovenfab.study.response import Response
 
 Array = NDArray[np.float64]
 #: Estimated errors that are stated, over the estimates: these are not exact.

@@ -11,10 +11,9 @@ from math import ceil, inf, log
 from mpi4py import MPI
 
 from wovenfab.case import Case
+from wovenfab.case.objects import follows_fibres, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import follows_fibres
 from wovenfab.study.response import UNIT, with_elements, work
-from wovenfab.case.objects import simulation_of
 
 #: Returns the sheet of a case; collective over the communicator.
 Mesher = Callable[[Case, MPI.Comm], Sheet]

@@ -15,14 +15,14 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
+from wovenfab.case.objects import sheet_of
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import sheet_of
-from wovenfab.study.response import missed_peak
 from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
 from wovenfab.study.errors.steps import PEAK
+from wovenfab.study.response import missed_peak
 
 Array = NDArray[np.float64]
 

@@ -16,10 +16,16 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
+from wovenfab.case.objects import scheme_of, sheet_of
+from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
 from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.case.objects import scheme_of, sheet_of
+from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.errors.estimate import SAFETY, Estimate, worst
+from wovenfab.study.errors.meshes import Mesher, has_free_size
+from wovenfab.study.errors.steps import PEAK, StepRefinement
 from wovenfab.study.response import (
     Budget,
     Response,
@@ -33,12 +39,6 @@ from wovenfab.study.response import (
     with_extra_times,
     with_steps,
 )
-from wovenfab.case.program import program_of_case
-from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.stepping.step import StepFailedError
-from wovenfab.study.errors.estimate import SAFETY, Estimate, worst
-from wovenfab.study.errors.meshes import Mesher, has_free_size
-from wovenfab.study.errors.steps import PEAK, StepRefinement
 
 log = logging.getLogger(__name__)
 

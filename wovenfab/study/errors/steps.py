@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 
-from wovenfab.study.response import Response, peak_of_spline
 from wovenfab.study.errors.refinement import error_of_degrees
+from wovenfab.study.response import Response, peak_of_spline
 
 PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
 
