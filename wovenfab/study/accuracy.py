@@ -2,8 +2,8 @@
 
 A case is run by doubling, with each degree of elements on ever finer cells with ever more steps,
 and for some target accuracies, whose runs state an error. Then it is run once more, with finer
-cells of another degree and several times as many steps as the last by doubling. The distance of a run
-to this finer answer is its error. Of several cycles the largest is run.
+cells of another degree and several times as many steps as the last by doubling. The distance of a
+run to this finer answer is its error. Of several cycles the largest is run.
 
 Everything is a member of a sweep: runs are kept, and go on where they were interrupted.
 """
