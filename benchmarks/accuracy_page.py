@@ -48,7 +48,7 @@ class Shown:
         return shlex.join(["env/enter", "wovenfab", "accuracy", self.case, *chosen, *output])
 
 
-LEVELS = 3
+LEVELS = 2
 _CYCLE = ("program={type: cycles, amplitudes: 40 mm, max_velocity: 0.5 m/s}",)
 _SPIN = "effects.spin_friction={strength: 30 N/m, slope: 40 s}"
 _BONDED = "configs/bonded-1x3.yaml"

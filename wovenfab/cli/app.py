@@ -294,7 +294,7 @@ def accuracy(
             help="How often cells and steps are halved, and how many of 5, 1, 0.3, 0.1 and 0.03 % "
             "are asked for.",
         ),
-    ] = 3,
+    ] = 2,
 ) -> None:
     """Show what accuracy costs in time, and whether the errors are true that runs state.
 

@@ -49,7 +49,7 @@ def study_accuracy(path: Path, output: Path | None, overrides: Sequence[str], le
         if (found := finer(runs, folder)) is None:
             console.problem(f"every run failed; the reasons are in {directory}")
             return FAILED_STEP
-        best, member = found
+        last, member = found
         (finest,) = run_members([member], directory / FINEST, one_by_one, console)
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
@@ -57,7 +57,7 @@ def study_accuracy(path: Path, output: Path | None, overrides: Sequence[str], le
     if not finest.has_results:
         console.problem("errors are not known without the finer answer")
         return FAILED_STEP
-    study = Study.of(runs, best, finest)
+    study = Study.of(runs, last, finest)
     study.write(directory)
     draw_accuracy(study, directory / "accuracy.png")
     console.say(f"\n{study.table()}\n\n{study.proof()}\n\ntable and picture: {directory}")

@@ -102,7 +102,7 @@ def draw_accuracy(study: Study, path: Path) -> Path:
         times, errors = points(asked)
         stated = np.array([max(run.stated or e, e) for run, e in zip(asked, errors, strict=True)])
         axes.errorbar(
-            times, errors, [np.zeros_like(errors), stated - errors], color=INK, capsize=3,
+            times, errors, np.array([0 * errors, stated - errors]), color=INK, capsize=3,
             marker="*", markersize=10, linestyle="none", label="accuracy asked for; bar: as stated",
         )  # fmt: skip
         for run, time, error in zip(asked, times, errors, strict=True):

@@ -2,8 +2,8 @@
 
 A case is run by doubling, with each degree of elements on ever finer cells with ever more steps,
 and for some target accuracies, whose runs state an error. Then it is run once more, with finer
-cells of another degree and several times as many steps as the best of these. The distance of a run
-to this finer answer is its error. Of several cycles the largest is run.
+cells of another degree and several times as many steps as the last by doubling. The distance of a
+run to this finer answer is its error. Of several cycles the largest is run.
 
 Everything is a member of a sweep: runs are kept, and go on where they were interrupted.
 """
@@ -96,16 +96,12 @@ def for_accuracies(case: Case, folder: Path, levels: int) -> list[Member]:
 
 
 def finer(runs: Sequence[Run], folder: Path) -> tuple[Run, Member] | None:
-    """Return the best run, and a finer one; None where no run came to its end.
-
-    The best is that for the smallest accuracy, or else the last one by doubling.
-    """
+    """Return the last run that came to its end, and a finer one; None where there is none."""
     ended = [run for run in runs if run.has_results]
     if not ended:
         return None
-    best = max(ended, key=lambda r: (-(r.member.case.accuracy or inf), runs.index(r)))
-    resolved = read_case(best.directory / CASE)
-    return best, _member(finer_case(resolved), "the finer answer", folder)
+    resolved = read_case(ended[-1].directory / CASE)
+    return ended[-1], _member(finer_case(resolved), "the finer answer", folder)
 
 
 def finer_case(case: Case) -> Case:
@@ -230,11 +226,11 @@ class Study:
     doubt: float
 
     @staticmethod
-    def of(runs: Sequence[Run], best: Run, finest: Run) -> Study:
-        """Return the study of runs, of which ``finest`` refines the ``best``."""
+    def of(runs: Sequence[Run], last: Run, finest: Run) -> Study:
+        """Return the study of runs, of which ``finest`` refines the ``last``."""
         exact = read_summary(finest.directory)
         priced = tuple(Priced.of(run, exact) for run in runs if run.has_results)
-        doubt = DOUBT * Priced.of(best, exact).error
+        doubt = DOUBT * Priced.of(last, exact).error
         return Study(priced, exact, doubt)
 
     @property
