@@ -23,7 +23,6 @@ pictures: ## draw the pictures of README.md and docs/effects.md again, of the co
 	$(enter) wovenfab effects configs/bias-1x3.yaml --set program.amplitudes=40mm --set time.steps_per_cycle=40
 	cp results/bias-1x3/loop.png results/bias-1x3/deformed.png docs/pictures
 	cp results/bias-1x3-effects/effects.png docs/pictures
-	$(enter) python3 -m benchmarks.accuracy_picture
 
 test: lint suite ## style, types, and the tests of physics, numerics, files and interface
 
@@ -87,7 +86,7 @@ fuzz: ## check mutated cases, geometries, measured and fit files, count=2000 of 
 	$(enter) python3 -m tests.fuzz.measured $(count)
 	$(enter) python3 -m tests.fuzz.results $(damaged)
 
-accuracy: ## write docs/accuracy.md: what accuracy costs (22 minutes at most)
+accuracy: ## write docs/accuracy.md: what accuracy costs (goes on where it was)
 	$(enter) python3 -m benchmarks.accuracy_page
 
 unchanged: ## compare the histories of all cases with those of another commit, before=REVISION

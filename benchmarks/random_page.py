@@ -37,8 +37,8 @@ from benchmarks.random_scenes import (
 from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.record.results import markdown
 from wovenfab.report.style import APART, house_style, save
+from wovenfab.study.errors.report import expected_seconds, traits
 from wovenfab.study.runner import Store
-from wovenfab.study.target_accuracy.choice import expected_seconds, traits
 
 PAGE = ROOT / "docs" / "random-fabrics.md"
 PICTURE = ROOT / "docs" / "pictures" / "random-fabrics.png"
@@ -221,10 +221,7 @@ def main() -> int:
     rows, cases = rows_and_cases(ACCURACY)
     finer, finer_cases = rows_and_cases(FINER_ACCURACY)
     kinds = [kind_of(case) for case in cases]
-    expected = [
-        expected_seconds(case, row.slowness) / row.seconds
-        for case, row in zip(cases, rows, strict=True)
-    ]
+    expected = [expected_seconds(case) / row.seconds for case, row in zip(cases, rows, strict=True)]
     near = sum(1 / FACTOR <= ratio <= FACTOR for ratio in expected)
     words = (
         f"`wovenfab check` expects the time within a factor of {FACTOR:g} in {near} of {len(rows)}."
@@ -237,7 +234,7 @@ def main() -> int:
         f"{len(rows)} scenes of seed {SEED}, each run for `accuracy: {100 * ACCURACY:g} %`"
         f"{for_finer} on {RANKS} ranks, with nothing compiled before. "
         "Times are those of one machine with two processors, where other work may have been going "
-        "on; `wovenfab check` says what they are on yours, about. "
+        "on; `wovenfab check` says what they are on that machine, about. "
         "`python3 -m benchmarks.random_page` draws the picture and fits the times.\n\n"
         f"![Time against stated error](pictures/{PICTURE.name})\n\n"
     )
@@ -260,8 +257,8 @@ def main() -> int:
         text += f"\n{honesty(finer, FINER_ACCURACY)}\n{commits(finer)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
-    print("TRIALS", fitted(known, [r.pilot / r.slowness for r in every]))
-    runs = [max(r.seconds - r.pilot, 0.1) / r.slowness for r in every]
+    print("TRIALS", fitted(known, [r.pilot for r in every]))
+    runs = [max(r.seconds - r.pilot, 0.1) for r in every]
     print("RUN", fitted(known, runs))
     print(f"{words}\npage: {PAGE.relative_to(Path.cwd())}")
     measured = figures(rows, finer, near)

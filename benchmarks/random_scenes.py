@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import read_case
 from wovenfab.case.fingerprint import fingerprint
 from wovenfab.record.results import markdown, this_process
 from wovenfab.record.summary import read_summary
-from wovenfab.study.response import NOTHING
+from wovenfab.study.accuracy import finer_case, true_errors
+from wovenfab.study.errors.step_search import ALMOST
 from wovenfab.study.runner import (
     Command,
     Ended,
@@ -32,8 +33,6 @@ from wovenfab.study.runner import (
     execute_all,
     here,
 )
-from wovenfab.study.target_accuracy.choice import slowness
-from wovenfab.study.target_accuracy.time_steps import ALMOST
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "random"
@@ -44,19 +43,12 @@ ACCURACY, FINER_ACCURACY, RANKS = 0.01, 0.003, 2
 WANTED, LIMIT, REFERENCE_LIMIT = 60.0, 300.0, 900.0
 #: Error (%) that may be larger than what is said.
 MORE = 0.1
-#: Size of the reference's cells over that of the run, with a degree more and with a degree less,
-#: which it has where the run has the largest.
-FINER, FINER_BY_FAR, LARGEST_DEGREE = 0.6, 0.4, 5
-#: Steps of the reference over those of the run: where these do not resolve how friction lets go,
-#: twice as many halve the error at best.
-SHORTER = 4
 #: What a row says whose reference failed.
 NO_REFERENCE = "no reference"
 #: Effects that all scenes have.
 IN_ALL = "stretch, shear, bending, "
 #: Writes the case of a scene of a number and seed into a folder, for an accuracy.
 Scenes = Callable[[int, int, Path, float], Path]
-FIGURES = ("peak_force_N", "dissipated_J")
 
 
 @dataclass(frozen=True)
@@ -72,7 +64,6 @@ class Row:
         stated, true: Largest relative error of the figures, as said and against the reference;
             None where there is none, or not yet.
         reason: Why it fell short or failed; empty if not.
-        slowness: Of the machine then, over that of the machine of ``check``.
         commit: Commit of the code; empty if unknown.
     """
 
@@ -85,7 +76,6 @@ class Row:
     stated: float | None
     true: float | None
     reason: str
-    slowness: float = 1.0
     commit: str = ""
 
     @property
@@ -216,7 +206,7 @@ def row(
     path, out, cache = drawn(number, seed, folder, accuracy), folder / "run", folder / "cache"
     kind = read_case(path).title
     shutil.rmtree(cache, ignore_errors=True)  # of a run that was broken off
-    slow, commit = slowness(), this_process().commit
+    commit = this_process().commit
     ended = execute(_run(path, out, LIMIT, {"XDG_CACHE_HOME": str(cache)}))
     shutil.rmtree(cache, ignore_errors=True)
     if ended.failure:
@@ -230,7 +220,6 @@ def row(
             None,
             None,
             _cause(ended),
-            slow,
             commit,
         )
     summary = read_summary(out)
@@ -240,7 +229,7 @@ def row(
     return Row(
         number, kind, summary["unknowns"], summary["steps"], ended.seconds,
         summary["wall_time_s"]["pilot"], stated, None, said["shortfall"],
-        slow, commit,
+        commit,
     )  # fmt: skip
 
 
@@ -292,32 +281,9 @@ def compared(made: Row, folder: Path, ended: Ended) -> Row:
         words = f"{NO_REFERENCE}: {_cause(ended)}"
         return replace(made, reason=f"{made.reason}; {words}" if made.reason else words)
     summary, exact = read_summary(folder / "run"), read_summary(folder / "reference")
-    nothing = NOTHING * abs(exact["peak_force_N"] * exact["peak_force_at_m"])
-    errors = [abs(summary[f] / exact[f] - 1) for f in FIGURES if abs(exact[f]) > nothing]
+    errors = true_errors(summary, exact)
     shutil.rmtree(folder / "reference", ignore_errors=True)
-    return replace(made, true=max(errors))
-
-
-def finer_case(case: Case) -> Case:
-    """Return the case of a run with finer cells of another degree, and with shorter steps.
-
-    Those of an elastic sheet have no error, and stay as they are.
-    """
-    d, time = case.discretisation, case.time
-    degree, size = d.degree + 1, FINER
-    if d.degree == LARGEST_DEGREE:
-        degree, size = d.degree - 1, FINER_BY_FAR
-    changes: dict[str, Any] = {"discretisation.degree": degree}
-    if d.mesh_size is not None:
-        changes["discretisation.mesh_size"] = size * d.mesh_size
-    if not case.needs.history:
-        return case.changed(changes)
-    changes["time.steps_per_cycle"] = SHORTER * time.steps_per_cycle
-    if time.tolerance is not None:
-        changes["time.tolerance"] = time.tolerance / SHORTER**2
-    if steps := getattr(case.program[0], "steps", None):
-        changes["program.steps"] = SHORTER * steps
-    return case.changed(changes)
+    return replace(made, true=max(errors.values()))
 
 
 def _run(path: Path, out: Path, limit: float, cache: Mapping[str, str]) -> Command:

@@ -298,7 +298,7 @@ def execute(
         progress, planned = listener.progress, None
         errors = checkpoint.values["run"]["errors"] if checkpoint else None
         if case.accuracy is not None:
-            from wovenfab.study.target_accuracy.choice import choose, errors_of
+            from wovenfab.study.errors.report import choose, errors_of
 
             with watch.phase("pilot"):
                 planned = choose(case, sheet, listener.say, lambda text: progress(Progress(text)))
@@ -317,7 +317,7 @@ def execute(
         if place is not None and checkpoint is None:
             place.open(overwrite)
             if planned is not None and planned.estimate is not None:
-                from wovenfab.study.target_accuracy.estimate import write_errors
+                from wovenfab.study.errors.estimate import write_errors
 
                 write_errors(planned.estimate, place.path)
         outcome, columns, summary = run(
@@ -336,7 +336,7 @@ def execute(
             what = "a name is misspelt, or nothing here uses it"
             listener.say(f"warning: PETSc has not read {', '.join(names)}: {what}")
         if errors is not None:
-            from wovenfab.study.target_accuracy.choice import report_errors
+            from wovenfab.study.errors.report import report_errors
 
             summary = report_errors(errors, summary, columns, directory, listener.say)
         if directory is not None and case.output.pictures and not outcome.signal:
@@ -435,7 +435,7 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
         StepFailedError: If a step cannot be made.
         StabilityLostError: If the sheet buckles and the case says to stop there.
     """
-    from wovenfab.study.target_accuracy.choice import settled
+    from wovenfab.study.errors.report import settled
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     chosen, sheet = settled(chosen, comm or MPI.COMM_WORLD, _log_warning)

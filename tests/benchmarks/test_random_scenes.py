@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from benchmarks.random_page import KINDS, costs, figures
-from benchmarks.random_scenes import ACCURACY, SHORTER, Row, compared, finer_case, scene, table
+from benchmarks.random_scenes import ACCURACY, Row, compared, scene, table
 from wovenfab.case import read_case
+from wovenfab.study.accuracy import SHORTER, finer_case
 from wovenfab.study.runner import Ended
-from wovenfab.study.target_accuracy import choice
 
 
 def test_scenes_are_valid_and_of_all_kinds(tmp_path: Path) -> None:
@@ -56,19 +55,6 @@ def test_the_reference_of_an_elastic_sheet_keeps_its_steps_which_have_no_error(
     assert not case.needs.history
     assert (finer.program, finer.time) == (case.program, case.time)
     assert finer.discretisation.degree == 4
-
-
-def test_a_machine_that_parses_slowly_expects_as_much_more_time(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A pause of another process does not count: the median of some measurements does."""
-    times = [4 * choice.PARSING] * (choice.REPEATS - 2) + [1.0, 2.0]
-    monkeypatch.setattr(choice, "timeit", SimpleNamespace(repeat=lambda *_, **__: times))
-    slow = choice.slowness()
-    assert slow == pytest.approx(4)
-    case = read_case(scene(3, 1, tmp_path))
-    usual = choice.expected_seconds(case, 1.0)
-    assert choice.expected_seconds(case, slow) == pytest.approx(4 * usual)
 
 
 def test_rows_tell_reached_accuracy_from_honesty(tmp_path: Path) -> None:

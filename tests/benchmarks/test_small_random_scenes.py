@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.random_scenes import FIGURES, MORE, finer_case, scene
+from benchmarks.random_scenes import MORE, scene
 from tests.study.test_estimate import ALONE, sheet
 from wovenfab.case import read_case
+from wovenfab.study.accuracy import FIGURES, finer_case
+from wovenfab.study.errors.choice import plan
 from wovenfab.study.response import response_of
-from wovenfab.study.target_accuracy.plan import plan
 
 ACCURACY = 0.03
 #: Seeds and numbers. On coarse cells of 7-19 degrees 4 and 5 agree on a loss that is too large.

@@ -16,7 +16,7 @@ import pytest
 from wovenfab.case import read_case
 from wovenfab.record.fields import read_fields
 from wovenfab.record.summary import read_summary
-from wovenfab.study.target_accuracy.choice import expected_seconds
+from wovenfab.study.errors.report import expected_seconds
 
 #: A bonded sheet with spin friction on a coarse mesh: one placement, two cycles, quick.
 CASE = """\
@@ -274,7 +274,7 @@ def test_check_says_how_long_an_accuracy_takes_and_more_for_a_smaller_one(folder
     told = wovenfab("check", "small.yaml", *overrides, cwd=folder).stdout
     assert re.search(r"^1 % takes about [1-9]\d* (s|min) on two processors", told, re.MULTILINE)
     cases = [read_case(folder / "small.yaml", wanted(text)) for text in ("1 %", "0.3 %")]
-    at_once, slower = (expected_seconds(case, slowness=1.0) for case in cases)
+    at_once, slower = map(expected_seconds, cases)
     assert at_once < slower
 
 

@@ -1,11 +1,8 @@
-"""What is chosen for an accuracy: from a neighbour's choice, with too few steps, without losses."""
+"""What is chosen for an accuracy: with too few steps, without losses."""
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
-from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,31 +10,23 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-import wovenfab
-import wovenfab.study.target_accuracy.plan as plan_module
+import wovenfab.study.errors.choice as plan_module
 from tests.study.test_estimate import ALONE, case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.case.objects import simulation_of
-from wovenfab.record.results import CHOICES
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.study.errors import report
+from wovenfab.study.errors.choice import Plan, plan
+from wovenfab.study.errors.elements import FEW, response_with_degree
+from wovenfab.study.errors.estimate import SAFETY
+from wovenfab.study.errors.report import UNKNOWN, report_errors
 from wovenfab.study.response import Response, response_of
-from wovenfab.study.target_accuracy import choice
-from wovenfab.study.target_accuracy.choice import (
-    UNKNOWN,
-    known_start,
-    remember,
-    report_errors,
-)
-from wovenfab.study.target_accuracy.estimate import FEW, SAFETY, response_with_degree
-from wovenfab.study.target_accuracy.plan import Plan, Start, plan
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
-AFRESH = Start()
 #: Limit as in tests/verification/test_few_unknowns.py, N.
 FORCE = 122.1105
-FOUND = Start(5, 4, ("equal steps", 2.0))
 #: Of a fabric that is two hundred thousand times softer in shear than along its yarns.
 SOFT = (
     "effects.stretch.stiffness=1.261e6 N/m",
@@ -60,27 +49,10 @@ def elastic(*overrides: str) -> Case:
     return case_of("elastic-1x3", "accuracy=1 %", "discretisation=null", RAMP, *overrides)
 
 
-def planned(case: Case, start: Start = AFRESH) -> tuple[Plan, list[str]]:
+def planned(case: Case) -> tuple[Plan, list[str]]:
     """Return the plan for a case, and the lines on its trials."""
     lines: list[str] = []
-    return plan(case, ALONE, lines.append, start=start), lines
-
-
-def test_a_neighbour_starts_where_the_last_one_ended_and_is_as_accurate() -> None:
-    one, afresh = planned(elastic("accuracy=0.1 %"))
-    near = elastic("accuracy=0.1 %", "effects.shear.stiffness=500 N/m")
-    other, lines = planned(near, one.start)
-    print(f"\n{len(afresh)} lines on trials afresh, {len(lines)} from {one.start}")
-    assert not other.shortfall and other.estimate is not None and other.estimate.worst < 1e-3
-    assert len(lines) < len(afresh)
-    assert other.case.discretisation.degree == one.case.discretisation.degree
-
-
-@pytest.mark.parametrize(("degree", "tried"), [(3, (2, 3, 4)), (4, (2, 3, 4)), (5, (3, 4, 5))])
-def test_the_degree_of_a_neighbour_is_among_those_that_are_tried_first(
-    degree: int, tried: tuple[int, ...]
-) -> None:
-    assert Start(degree=degree).degrees == tried
+    return plan(case, ALONE, lines.append), lines
 
 
 def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> None:
@@ -91,64 +63,6 @@ def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> 
     assert chosen.estimate is not None
     force = response_of(chosen.case, chosen.sheet).figures["peak_force_N"]
     assert abs(force / FORCE - 1) < chosen.estimate.worst <= 4e-3
-
-
-def test_what_is_found_by_a_neighbour_is_remembered(tmp_path: Path) -> None:
-    path = tmp_path / "choices.jsonl"
-    assert known_start(elastic(), path) == AFRESH
-    remember(elastic(), FOUND, path)
-    remember(elastic("effects.shear.stiffness=450 N/m"), replace(FOUND, cells=7), path)
-    assert known_start(elastic(), path) == FOUND
-    assert known_start(elastic("effects.shear.stiffness=460 N/m"), path).cells == 7
-    assert known_start(elastic("title=another"), path) == FOUND
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        "effects.shear.stiffness=700 N/m",
-        "accuracy=0.1 %",
-        "sheet.fibres=[45 deg, 45.5 deg]",
-        "boundary.left=[{displacement: [0, 0]}]",
-        "program={type: ramp, to: -20 mm, steps: 8}",
-    ],
-)
-def test_what_is_no_neighbour_starts_afresh(tmp_path: Path, change: str) -> None:
-    path = tmp_path / "choices.jsonl"
-    remember(elastic(), FOUND, path)
-    assert known_start(elastic(change), path) == AFRESH
-
-
-def test_a_choice_for_other_contents_of_a_file_is_no_neighbour(tmp_path: Path) -> None:
-    path, geometry = tmp_path / "choices.jsonl", tmp_path / "a.geo"
-    geometry.write_text('Include "b.geo";')
-    (tmp_path / "b.geo").write_text("l = 1;")
-    case = elastic("sheet=null", f"sheet={{file: {geometry}, fibres: [45 deg, -45 deg]}}")
-    remember(case, FOUND, path)
-    assert known_start(case, path) == FOUND
-    (tmp_path / "b.geo").write_text("l = 2;")
-    assert known_start(case, path) == AFRESH
-
-
-def test_lines_that_cannot_be_read_are_passed_over(tmp_path: Path) -> None:
-    path = tmp_path / "choices.jsonl"
-    path.write_text('{"words": 3}\n[1]\nnull\n{"words": "')
-    assert known_start(elastic(), path) == AFRESH
-    path.write_text(path.read_text() + "\n")
-    remember(elastic(), FOUND, path)
-    assert known_start(elastic(), path) == FOUND
-
-
-def test_runs_that_are_told_of_a_file_use_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    caplog.set_level(logging.INFO, logger="wovenfab.study")
-    path, used = tmp_path / "choices.jsonl", "the search starts with what a neighbouring scene"
-    monkeypatch.setenv(CHOICES, str(path))
-    wovenfab.simulate(elastic("accuracy=5 %"))
-    assert len(path.read_text().splitlines()) == 1 and used not in caplog.text
-    wovenfab.simulate(elastic("accuracy=5 %", "effects.shear.stiffness=420 N/m"))
-    assert len(path.read_text().splitlines()) == 2 and used in caplog.text
 
 
 REPEATED = "once more with twice the steps, for they cannot be made"
@@ -240,7 +154,7 @@ def test_a_guess_that_misleads_costs_few_iterations_and_one_that_cannot_be_none(
 
 
 @pytest.mark.parametrize("law", ["law: coulomb", "slope: 1e3 s/m"], ids=["Coulomb", "smooth"])
-def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_there(
+def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh(
     law: str,
 ) -> None:
     friction = f"effects.slip_friction={{{law}, strength: 1e9 N/m^2}}"
@@ -249,7 +163,6 @@ def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh_and_a_neighbour_starts_th
     print(f"\n{chosen.case.discretisation}", *lines, sep="\n")
     assert not chosen.shortfall
     assert chosen.case.discretisation.graded
-    assert chosen.start.graded
     assert any("graded" in line for line in lines)
 
 
@@ -282,8 +195,8 @@ def test_steps_that_could_not_be_judged_are_told_before_the_run_without_an_error
     for judged, shortfall in ((space, ""), ({"peak_force_N": 1e-3}, UNKNOWN)):
         estimate = SimpleNamespace(space=space, time=judged, worst=4e-3)
         found = Plan(case, sheet(case), estimate)  # type: ignore[arg-type]
-        monkeypatch.setattr(choice, "plan", lambda *_, found=found, **__: found)
-        assert choice.choose(case, sheet(case), lines.append, str).shortfall == shortfall
+        monkeypatch.setattr(report, "plan", lambda *_, found=found, **__: found)
+        assert report.choose(case, sheet(case), lines.append, str).shortfall == shortfall
     assert UNKNOWN in lines[-1] and "estimated error" not in lines[-1]
 
 

@@ -124,7 +124,7 @@ def test_a_sweep_file_names_runs_and_combines_them_with_values(tmp_path: Path) -
 
 @pytest.mark.parametrize(
     "name",
-    ["overlay.png", "Overlay.PNG", "sweep.csv", "choices.jsonl", "a.log", ".", "..", "...", "/",
+    ["overlay.png", "Overlay.PNG", "sweep.csv", "a.log", ".", "..", "...", "/",
      ".hidden", "*", "../", "n" * 300],
 )  # fmt: skip
 def test_a_run_is_not_called_like_what_the_sweep_writes(name: str, tmp_path: Path) -> None:

@@ -13,6 +13,15 @@ from wovenfab.case.program import program_of_case
 from wovenfab.simulation.progress import InterruptedRunError
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.errors.elements import FEW, DegreeRefinement, response_with_degree
+from wovenfab.study.errors.estimate import Estimate, worst
+from wovenfab.study.errors.step_search import (
+    StepSearch,
+    TimeSteps,
+    adaptive_steps,
+    equal_steps,
+)
+from wovenfab.study.errors.steps import DISSIPATED, error_and_order
 from wovenfab.study.response import (
     Budget,
     TooLongError,
@@ -22,21 +31,6 @@ from wovenfab.study.response import (
     trial_of,
     with_elements,
     with_steps,
-)
-from wovenfab.study.target_accuracy.estimate import (
-    DISSIPATED,
-    FEW,
-    DegreeRefinement,
-    Estimate,
-    error_and_order,
-    response_with_degree,
-    worst,
-)
-from wovenfab.study.target_accuracy.time_steps import (
-    StepSearch,
-    TimeSteps,
-    adaptive_steps,
-    equal_steps,
 )
 
 

@@ -1,8 +1,7 @@
 """What results depend on: the resolved case, the contents of all files behind it, the code.
 
 There is this one fingerprint. Sweeps, fits and studies compute a result again where it has
-changed, the memory of what was chosen for an accuracy is asked by it, and a run goes on only where
-its part that concerns the physics is the same.
+changed, and a run goes on only where its part that concerns the physics is the same.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ COMPUTING = (
     *("sheet", "model", "solver", "stepping", "record", "simulation", "case", "measured"),
 )
 #: What chooses elements and steps for an accuracy.
-CHOOSING = "study/target_accuracy"
+CHOOSING = "study/errors"
 #: Kinds of contents, each with the name that they belong to.
 EFFECT, GEOMETRY, TABLE, STATE = "effect", "sheet", "table", "from_state"
 #: Statements by which a geometry reads another file, with the quotation mark of a plain name.

@@ -284,21 +284,26 @@ def accuracy(
     case: CaseFile,
     output: Output = None,
     overrides: Overrides = None,
-    minutes: Annotated[
-        float,
+    levels: Annotated[
+        int,
         typer.Option(
-            "--minutes", min=0.01, help="Time for all runs, without their starts and compilation."
+            "--levels",
+            min=1,
+            max=5,
+            help="How often cells and steps are halved, and how many of 5, 1, 0.3, 0.1 and 0.03 % "
+            "are asked for.",
         ),
-    ] = 10.0,
+    ] = 2,
 ) -> None:
-    """Show what accuracy costs: errors against time, memory and unknowns, and what is cheapest.
+    """Show what accuracy costs in time, and whether the errors are true that runs state.
 
-    Each run is a process of its own and is kept: repeat the command to go on
-    after an interruption, or with more minutes to know more.
+    Degrees 2 to 4 on ever finer cells with ever more steps, and some target accuracies, are run
+    and compared with a finer answer. Each run is kept: repeat the command to go on after an
+    interruption, or with more levels to know more.
     """
     from wovenfab.cli.studies import study_accuracy
 
-    sys.exit(study_accuracy(case, output, overrides or [], minutes))
+    sys.exit(study_accuracy(case, output, overrides or [], levels))
 
 
 @app.command()

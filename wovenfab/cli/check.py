@@ -113,13 +113,13 @@ def _time_for_accuracy(case: Case) -> list[str]:
     """Return in words how long a wanted accuracy takes."""
     if case.accuracy is None:
         return []
-    from wovenfab.study.target_accuracy.choice import expected_seconds, slowness
+    from wovenfab.study.errors.report import expected_seconds
 
-    seconds = float(f"{expected_seconds(case, slowness()):.1g}")
+    seconds = float(f"{expected_seconds(case):.1g}")
     words = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
     return [
-        f"{100 * case.accuracy:g} % takes about {words} on two processors, by experience with "
-        "other fabrics (a third to three times of that)"
+        f"{100 * case.accuracy:g} % takes about {words} on two processors like those of "
+        "docs/random-fabrics.md, by experience with other fabrics (a third to three times of that)"
     ]
 
 

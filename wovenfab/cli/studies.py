@@ -26,90 +26,42 @@ from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
-if TYPE_CHECKING:
-    from wovenfab.study.accuracy.settings import Setting
-    from wovenfab.study.accuracy.study import Run as StudyRun
-    from wovenfab.study.accuracy.study import Study
+#: Folders of the results of single runs, and of that by which their errors are known.
+RUNS, FINEST = "runs", "finer"
 
 
-#: Folder of the results of single runs.
-RUNS = "runs"
-#: Runs that take longer (s) are announced.
-_LONG = 10.0
-
-
-def study_accuracy(
-    path: Path, output: Path | None, overrides: Sequence[str], minutes: float
-) -> int:
+def study_accuracy(path: Path, output: Path | None, overrides: Sequence[str], levels: int) -> int:
     """Make the study of a case, write its table and draw it; return the exit code."""
     console = Console()
     if is_launched():
         console.problem("accuracy measures one process at a time: start it without mpirun")
         return BAD_INPUT
     case = read_case(path, overrides)
-    if not case.discretisation.mesh_size:
-        remedy = "For example 'mesh_size: 50 mm'."
-        problem = "a study starts from a mesh size"
-        raise CaseError([case.problem("discretisation", problem, remedy)])
-    from wovenfab.report.study_pictures import draw_work_precision
-    from wovenfab.study.accuracy.measure import StoredRuns
-    from wovenfab.study.accuracy.strategy import run_study
-    from wovenfab.study.accuracy.study import answers, tables, write_table
+    from wovenfab.report.study_pictures import draw_accuracy
+    from wovenfab.study.accuracy import CASES, Study, doubled, finer, for_accuracies
 
     directory = output or Path("results") / f"{case.name}-accuracy"
-    directory.mkdir(parents=True, exist_ok=True)
-    monitor = _Monitor(console, 60 * minutes)
-    runner = StoredRuns(case, directory / RUNS, monitor.progress)
+    one_by_one, folder = Cluster(jobs=1), directory / CASES
+    configure_log(0, None, console.log, first_rank=True)
     try:
-        with console:
-            study = run_study(case, runner, 60 * minutes, monitor.report)
+        members = [*for_accuracies(case, folder, levels), *doubled(case, folder, levels)]
+        runs = run_members(members, directory / RUNS, one_by_one, console)
+        if (found := finer(runs, folder)) is None:
+            console.problem(f"every run failed; the reasons are in {directory}")
+            return FAILED_STEP
+        last, member = found
+        (finest,) = run_members([member], directory / FINEST, one_by_one, console)
     except KeyboardInterrupt:
         console.problem(f"interrupted; to go on, repeat the command ({directory} has what is done)")
         return INTERRUPTED
-    if runner.stored:
-        console.say(f"{runner.stored} of {runner.asked} runs were there already")
-    write_table(study, directory)
-    if not study.space:
-        console.problem(f"every run failed; the reasons are in {directory}")
+    if not finest.has_results:
+        console.problem("errors are not known without the finer answer")
         return FAILED_STEP
-    text = f"{answers(study)}\n\n{tables(study)}\n"
-    (directory / "accuracy.md").write_text(text, encoding="utf-8")
-    draw_work_precision(study, directory)
-    console.say(f"\n{answers(study)}\n\ntables and diagrams: {directory}")
-    return 0
-
-
-class _Monitor:
-    """Shows the progress of a study, and each run."""
-
-    def __init__(self, console: Console, budget: float) -> None:
-        self._console, self._budget, self._spent = console, budget, 0.0
-
-    def progress(self, seconds: float) -> None:
-        """Show the time spent with the present run, which has taken so many seconds."""
-        done = min((self._spent + seconds) / self._budget, 1.0)
-        self._console.progress(Progress("accuracy", done))
-
-    def report(self, study: Study, setting: Setting, expected: float, run: StudyRun | None) -> None:
-        """Announce a run that takes long, or print the results of a run."""
-        self._spent = study.spent
-        left = f"at most {duration(max(self._budget - self._spent, 0))} left"
-        self.progress(0.0)
-        if run is None:
-            if expected > _LONG:
-                time = duration(expected)
-                self._console.say(f"  {setting.label} will take about {time} ({left})")
-            return
-        m = run.measured
-        if m.failure:
-            self._console.say(f"{setting.stage}: {setting.label} failed: {m.failure}")
-            return
-        compiled = f" after {m.compile:.0f} s to compile" if m.compile else ""
-        values = ", ".join(f"{name} {value:.6g}" for name, value in m.values.items())
-        self._console.say(
-            f"{setting.stage}: {setting.label}: {m.unknowns} unknowns, {m.steps} steps, "
-            f"{m.wall:.1f} s{compiled}, {values}; {left}"
-        )
+    study = Study.of(runs, last, finest)
+    study.write(directory)
+    draw_accuracy(study, directory / "accuracy.png")
+    console.say(f"\n{study.table()}\n\n{study.proof()}\n\ntable and picture: {directory}")
+    return exit_code(runs)
 
 
 def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> int:

@@ -42,8 +42,6 @@ FINISHED = "finished"
 INTERRUPTED = "interrupted"
 #: Fingerprint of the input of the results, where a sweep made them, and its environment variable.
 FINGERPRINT, INPUT = ".fingerprint", "WOVENFAB_FINGERPRINT"
-#: Variable that names a file in which runs with an accuracy remember what they chose.
-CHOICES = "WOVENFAB_CHOICES"
 #: The last two checkpoints of a run.
 CHECKPOINT, EARLIER_CHECKPOINT = "checkpoint.h5", "checkpoint-earlier.h5"
 #: Series of fields, and all folders that wovenfab writes there with the names of their files.

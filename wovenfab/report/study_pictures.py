@@ -1,8 +1,8 @@
-"""Pictures of studies: the costs of effects, and work-precision diagrams."""
+"""Pictures of studies: the costs of effects, and what accuracy costs in time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil, floor, log10
 from pathlib import Path
 from typing import Any
@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
-from matplotlib.ticker import FixedLocator, FuncFormatter, LogFormatter, NullFormatter
+from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
 from wovenfab.report.style import (
     APART,
     DASHES,
+    INK,
     QUIET,
     WIDTH,
     Values,
@@ -25,25 +25,12 @@ from wovenfab.report.style import (
     sequence,
     zero_line,
 )
-from wovenfab.study.accuracy.study import QUANTITIES, TARGETS, Run, Study
+from wovenfab.study.accuracy import Priced, Study
 from wovenfab.study.effects import Row
 
 #: Sizes and colour of the parts of stacked bars.
 Parts = Mapping[str, tuple[Values, Any]]
-_Cost = Callable[[Run], float]
-_COSTS: dict[str, _Cost] = {
-    "unknowns": lambda r: r.measured.unknowns,
-    "steps": lambda r: r.measured.steps,
-    "wall time (s)": lambda r: r.measured.wall,
-    "peak memory (MB)": lambda r: r.measured.memory / 1e6,
-}
-#: The costs that are shown of each stage.
-_SHOWN = {
-    "space": ("unknowns", "wall time (s)", "peak memory (MB)"),
-    "time": ("steps", "wall time (s)"),
-    "both": ("wall time (s)", "peak memory (MB)"),
-}
-_MARKERS = "osD^vPX"
+_MARKERS = "osD"
 #: Errors are not drawn below this share, where they are round-off.
 _LEAST = 1e-8
 #: Smallest ratio of the ends of an axis.
@@ -88,65 +75,52 @@ def _bars(axes: Axes, names: Sequence[str], title: str, parts: Parts, digits: st
     axes.tick_params(axis="y", length=0)
 
 
-def draw_work_precision(study: Study, directory: Path, name: str = "accuracy") -> list[Path]:
-    """Draw a diagram for each stage that has runs, log-log, one curve a method.
+def draw_accuracy(study: Study, path: Path) -> Path:
+    """Draw errors against times: a curve for each degree, and the runs for an accuracy.
 
-    Returns the files ``<name>-space.png`` and so on.
+    A bar goes up from the error of such a run to the error that it states. Hollow markers are no
+    better known than the finer answer; a line joins the runs than which none is both faster and
+    more accurate.
     """
-    stages = (("space", study.space), ("time", study.time), ("both", study.both))
-    return [_draw(study, s, runs, directory / f"{name}-{s}.png") for s, runs in stages if runs]
+    least = max(study.doubt, _LEAST)
 
+    def points(runs: Sequence[Priced]) -> tuple[Values, Values]:
+        errors = np.array([max(run.error, least) for run in runs])
+        return np.array([run.seconds for run in runs]), errors
 
-def _draw(study: Study, stage: str, runs: Sequence[Run], path: Path) -> Path:
-    quantities, costs = list(study.best[stage]), _SHOWN[stage]
     with house_style():
-        figure = Figure(figsize=(WIDTH, 0.75 + 1.85 * len(quantities)))
-        grid = figure.subplots(
-            len(quantities), len(costs), sharex="col", sharey="row", squeeze=False
-        )
-        for row, quantity in zip(grid, quantities, strict=True):
-            for axes, cost in zip(row, costs, strict=True):
-                _curves(axes, study, stage, runs, quantity, _COSTS[cost])
-            title = QUANTITIES[quantity][0].replace(" per cycle", "\nper cycle")
-            row[0].set_ylabel(f"error of {title}")
-            row[0].yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
-            row[0].yaxis.set_minor_formatter(_FewPercents())
-        for axes, cost in zip(grid[-1], costs, strict=True):
-            axes.set_xlabel(cost)
-            _ticks(axes, [_COSTS[cost](r) for r in runs])
-        handles, labels = grid[0][0].get_legend_handles_labels()
-        handles.append(
-            Line2D([], [], color=QUIET, linestyle="none", marker="o", markersize=4, mfc="none")
-        )
-        labels.append("at most: the best answer is no better known")
-        figure.legend(handles, labels, loc="outside upper center", ncols=3, fontsize=7.5)
+        figure = Figure(figsize=(WIDTH, 0.7 * WIDTH))
+        axes = figure.subplots()
+        by_doubling = [run for run in study.runs if run.accuracy is None]
+        for number, degree in enumerate(sorted({run.degree for run in by_doubling})):
+            own = [run for run in by_doubling if run.degree == degree]
+            style = {"color": APART[number], "marker": _MARKERS[number], "markersize": 4.5}
+            axes.loglog(*points(own), label=f"degree {degree}, by doubling", **style)
+            vague = [run for run in own if run.error <= study.doubt]
+            axes.loglog(*points(vague), linestyle="none", mfc="white", **style)
+        asked = [run for run in study.runs if run.accuracy is not None]
+        times, errors = points(asked)
+        stated = np.array([max(run.stated or e, e) for run, e in zip(asked, errors, strict=True)])
+        axes.errorbar(
+            times, errors, np.array([0 * errors, stated - errors]), color=INK, capsize=3,
+            marker="*", markersize=10, linestyle="none", label="accuracy asked for; bar: as stated",
+        )  # fmt: skip
+        for run, time, error in zip(asked, times, errors, strict=True):
+            axes.annotate(
+                f"{100 * (run.accuracy or 0.0):g} %", (time, error), (5, 3),
+                textcoords="offset points", fontsize=7,
+            )  # fmt: skip
+        axes.loglog(
+            *points(study.efficient), color=QUIET, linewidth=4, alpha=0.4, zorder=0,
+            label="none is faster and more accurate",
+        )  # fmt: skip
+        axes.set_xlabel("wall time of mesh and steps (s)")
+        axes.set_ylabel("error of the worst figure")
+        axes.yaxis.set_major_formatter(FuncFormatter(lambda y, _: f"{100 * y:g} %"))
+        axes.yaxis.set_minor_formatter(NullFormatter())
+        _ticks(axes, [run.seconds for run in study.runs])
+        figure.legend(loc="outside upper center", ncols=2, fontsize=7.5)
         return save(figure, path)
-
-
-class _FewPercents(LogFormatter):
-    """Labels between powers of ten where these are few."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return f"{100 * x:g} %" if super().__call__(x, pos) else ""
-
-
-def _curves(
-    axes: Axes, study: Study, stage: str, runs: Sequence[Run], quantity: str, cost: _Cost
-) -> None:
-    """Draw one curve a method; hollow if the error is below the uncertainty of the reference."""
-    least = max(study.best[stage][quantity].relative, _LEAST)
-    for number, method in enumerate(dict.fromkeys(r.setting.method for r in runs)):
-        own = [r for r in runs if r.setting.method == method]
-        errors = np.array([study.errors(r)[quantity] for r in own])
-        costs, shown, hollow = [cost(r) for r in own], np.maximum(errors, least), errors <= least
-        style = {"color": APART[number % len(APART)], "markersize": 4.5, "linestyle": "none"}
-        style["marker"] = _MARKERS[number % len(_MARKERS)]
-        if stage != "both":
-            axes.loglog(costs, shown, color=style["color"], linewidth=1.2)
-        axes.loglog(costs, np.where(hollow, np.nan, shown), label=method, **style)
-        axes.loglog(costs, np.where(hollow, shown, np.nan), markerfacecolor="white", **style)
-    for target in TARGETS:
-        axes.axhline(target, color=QUIET, linewidth=0.6, linestyle=":", zorder=0)
 
 
 def _ticks(axes: Axes, costs: Sequence[float]) -> None:

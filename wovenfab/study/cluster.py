@@ -29,7 +29,6 @@ from wovenfab.case.document import parse_document
 from wovenfab.case.fingerprint import case_files
 from wovenfab.record.results import (
     CHECKPOINT,
-    CHOICES,
     COMMAND,
     EARLIER_CHECKPOINT,
     INPUT,
@@ -284,7 +283,6 @@ def command_of(case: Case, results: Path, log: Path, known: str, ranks: int, sen
             files=portable(case),
         )
     folder = Path.cwd() if sent else None
-    variables |= {CHOICES: str(results.absolute().with_name("choices.jsonl"))}
     return Command(arguments, ranks, log, inf, variables, folder, results, elsewhere=elsewhere)
 
 

@@ -30,7 +30,7 @@ from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.problem import TANGENT
 from wovenfab.stepping.step import Step
-from wovenfab.study.target_accuracy.choice import settled
+from wovenfab.study.errors.report import settled
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 ``peak_force_N`` is the recorded force of largest size (``record.history.peak_force``). It changes
 by chance from one step size to the next, in the same way with every scheme, and so hides errors
-of the steps. A study of accuracy compares the interpolated peak, ``peak_force_interpolated_N``.
+of the steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import chain
 from math import inf
@@ -74,28 +74,6 @@ def peak_of_spline(times: Array, forces: Array) -> tuple[float, float]:
     return float(between[curve.argmax()]), float(curve.max())
 
 
-def interpolated_peak_force(times: Array, forces: Array, kinks: Sequence[bool]) -> float:
-    """Return the force of largest size that the curve reaches between its steps.
-
-    It is the maximum of the parabola through the largest step and its neighbours, but no more
-    than :func:`peak_bound`: where friction reverses, that parabola overshoots.
-
-    Args:
-        times: Of the steps, s, shape (n,).
-        forces: At the steps, N, shape (n,).
-        kinks: Whether the velocity jumps there; then the step's own force is taken.
-    """
-    at, sign, sizes = _largest(forces)
-    if at in (0, len(times) - 1) or kinks[at]:
-        return float(forces[at])
-    around = slice(at - 1, at + 2)
-    a, b, c = _parabola(times[around], sizes[around], times[at]).coef
-    top = float(c - b * b / (4 * a)) if a else float(sizes[at])
-    if THREE <= at < len(times) - THREE:  # there are parabolas before and after
-        top = min(top, abs(peak_bound(times, forces)[1]))
-    return sign * top
-
-
 def _largest(forces: Array) -> tuple[int, float, Array]:
     """Return which step's force is largest in size, its sign, and forces with that as plus."""
     at = index_of_peak(forces)
@@ -114,20 +92,23 @@ LOOSE = 0.1
 #: Dissipated energy, over the largest force times the largest displacement, that is none: friction
 #: that nowhere slides leaves as much by rounding.
 NOTHING = 1e-6
+#: Unknowns of a tangent whose work is 1, and the power of unknowns by which work grows: the time
+#: to form and solve is so within a factor of two for one and two placements of degree 2 to 5, with
+#: and without friction. On two processors, 1 then takes about 0.1 s.
+UNIT, GROWTH = 1e4, 1.2
 
 
-#: Time to form and solve with a tangent over its unknowns to the power of growth, on two processors
-#: of the machine of ``check``, s. It is so within a factor of two for one and two placements of
-#: degree 2 to 5, with and without friction.
-TANGENT, GROWTH = 1.5e-6, 1.2
+def work(unknowns: float) -> float:
+    """Return the work of forming and solving with a tangent of so many unknowns."""
+    return float((unknowns / UNIT) ** GROWTH)
 
 
 class Budget:
-    """Time of runs as their tangents usually take it: the same on every machine, however busy.
+    """Work of runs by their tangents: the same on every machine, however busy.
 
     Attributes:
-        limit: Time after which a run is given up, s.
-        spent: Time that all runs took so far, s.
+        limit: Work after which a run is given up.
+        spent: Work of all runs so far.
     """
 
     def __init__(self, limit: float = inf) -> None:
@@ -135,8 +116,8 @@ class Budget:
         self.limit, self.spent = limit, 0.0
 
     def spend(self, tangents: int, unknowns: int) -> None:
-        """Add the time of tangents with so many unknowns."""
-        self.spent += TANGENT * tangents * unknowns**GROWTH
+        """Add the work of tangents with so many unknowns."""
+        self.spent += tangents * work(unknowns)
 
 
 @dataclass(frozen=True)
@@ -242,7 +223,7 @@ def response_of(
             nonlocal at_peak, largest
             spend()
             if budget.spent > budget.limit:
-                raise TooLongError(f"more than {budget.limit:.0f} s after {step.number} steps")
+                raise TooLongError(f"more work than is allowed after {step.number} steps")
             if simulation.outcome.tangents > tangents:
                 raise TooLongError(f"more than {tangents:.0f} tangents in {step.number} steps")
             if step.milestone is None and not every:

@@ -124,7 +124,7 @@ def _word(value: Any) -> str:
 
 
 #: Files that a sweep writes beside the folders of its runs, and the end of those of each run.
-BESIDE = ("sweep.csv", "overlay.png", "overlay.svg", "choices.jsonl", "comparison.html")
+BESIDE = ("sweep.csv", "overlay.png", "overlay.svg", "comparison.html")
 LOG = ".log"
 #: Characters of the longest name of a folder, with a margin to what file systems take.
 LONGEST = 200

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import least_squares
 
+from wovenfab.study.errors.refinement import exponent
 from wovenfab.study.fit.fit_file import Fit
 from wovenfab.study.fit.knowledge import LEVEL
 from wovenfab.study.fit.objective import Correction, Evaluation, Objective, Trial
@@ -45,6 +46,8 @@ LEAST_STEP = 3e-4
 REGION, LESS = (1.1, 0.3), 0.3
 #: Size of cells and steps of coarse runs over those of the cases, and of runs that are finer.
 COARSE, FINER = 2.0, 0.7
+#: Numbers of cells and steps of such runs over those of the cases.
+COUNTS = 1 / COARSE, 1.0, 1 / FINER
 #: Orders at which the error of cells and steps may fall: the first where friction begins between
 #: two steps, the second where all is smooth.
 ORDERS = 1.0, 2.0
@@ -393,9 +396,8 @@ def _error(
     if finer is None:
         less, factor = coarse, float(COARSE ** ORDERS[0] - 1)
     else:
-        orders = np.linspace(*ORDERS, 101)
-        ratios = (COARSE**orders - 1) / (1 - FINER**orders)
-        order = float(np.interp(larger / _distance(finer, as_said, rows), ratios, orders))
+        change = larger / _distance(finer, as_said, rows)
+        order = exponent(COUNTS, change, fastest=ORDERS[1], slowest=ORDERS[0])
         less, factor = as_said, float(FINER**-order - 1)
     weights = best.weights(fit)
     moved = np.where(rows, weights * (best.residuals - less.residuals) / factor, 0.0)

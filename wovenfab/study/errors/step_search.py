@@ -23,6 +23,9 @@ from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.errors.estimate import SAFETY, Estimate, worst
+from wovenfab.study.errors.meshes import Mesher, has_free_size
+from wovenfab.study.errors.steps import PEAK, StepRefinement
 from wovenfab.study.response import (
     Budget,
     Response,
@@ -36,14 +39,6 @@ from wovenfab.study.response import (
     with_extra_times,
     with_steps,
 )
-from wovenfab.study.target_accuracy.estimate import (
-    PEAK,
-    SAFETY,
-    Estimate,
-    StepRefinement,
-    worst,
-)
-from wovenfab.study.target_accuracy.trials import Mesher, has_free_size
 
 log = logging.getLogger(__name__)
 
@@ -53,8 +48,9 @@ Report = Callable[[str], None]
 Kind = Callable[[Case, float], Case]
 #: Share of the peak that is counted as missed over what is expected from trials.
 UNSURE = 2.0
-#: Share of the usual number of equal steps in the first trial.
-FIRST_SHARE = 0.25
+#: Share of the usual number of equal steps that are counted as one, and how many of these the
+#: first trial has.
+FIRST_SHARE, FIRST = 0.25, 0.5
 #: Error of a step beyond which equal ones are cut, too.
 COARSE = 0.5
 #: Share of the usual number of steps that adaptive ones are planned with, their first tolerance.
@@ -157,8 +153,7 @@ class StepSearch:
         trial: Case,
         comm: MPI.Comm,
         report: Report,
-        known: tuple[str, float] | None = None,
-        patience: float = inf,
+        work: float = inf,
         mesher: Mesher = sheet_of,
     ) -> None:
         """Start without any trial.
@@ -167,18 +162,15 @@ class StepSearch:
             trial: What is tried: a case with history, shorter, on coarse elements.
             comm: The ranks.
             report: Called with a line on each trial.
-            known: Kind and number of the steps that a neighbouring scene needed: they are tried
-                first, and taken if they are enough.
-            patience: Usual time of the tangents of all trials after which one is given up, s.
+            work: That all trials may take together; see :class:`Budget`.
             mesher: Returns the sheet of a case.
         """
-        self._budget = Budget(patience)
+        self._budget = Budget(work)
         # How much later the force is largest with the elements of the run (s), and the figures of
         # trials over those of the run: errors of steps are as large, but over smaller figures.
         self._delay, self._larger = 0.0, dict[str, float]()
         self._trial, self._report, self._mesher = trial, report, mesher
         self._comm, self._alone = comm, has_free_size(trial)
-        self._known = known or ("", 1.0)
         self._tried: dict[tuple[Kind, float], Response | None] = {}
         self._given_up = set[Kind]()  # of which more steps take too long
         self._model: Model | None = None  # of all trials
@@ -221,35 +213,33 @@ class StepSearch:
         return self._mesher(self._trial, MPI.COMM_SELF if self._alone else self._comm)
 
     def _cheapest(self, target: float) -> TimeSteps | None:
-        likely, number = self._known
         kinds: list[Kind] = [] if has_fixed_steps(self._trial) else [equal_steps]
         if _measured(self._trial):
             kinds.append(adaptive_steps)
-        kinds.sort(key=lambda kind: _words(kind) != likely)
         options: list[TimeSteps] = []
         for kind in kinds:
             least = min((o.effort for o in options if _reaches(o, target)), default=inf)
-            is_known = _words(kind) == likely
-            option = self._enough(kind, target, least, number / 4 if is_known else 0.5)
-            if option is None:
+            if (option := self._enough(kind, target, least)) is None:
                 continue
             options.append(option)
             log.info(
                 "%s: %.3g times the first, error %.2g of %.2g, %.0f tangents",
                 option.words, option.number, option.estimated_error, target, option.effort,
             )  # fmt: skip
-            if (option.number <= EASY or is_known) and _reaches(option, target):
+            if option.number <= EASY and _reaches(option, target):
                 break
         if not options:
             return None
         return min(options, key=lambda o: (not _reaches(o, target), o.effort))
 
-    def _enough(self, kind: Kind, target: float, least: float, number: float) -> TimeSteps | None:
+    def _enough(
+        self, kind: Kind, target: float, least: float, number: float = FIRST
+    ) -> TimeSteps | None:
         """Return how many steps of a kind are enough.
 
         None where none can be made, or where they would take more tangents than ``least``: a trial
-        that takes too many for that is given up. The first trial has ``number`` times the first
-        steps.
+        that takes too many for that is given up. The first trial has ``number`` times the steps
+        of a kind.
         """
         best = None
         tried = {n: r for (k, n), r in self._tried.items() if k is kind and r}

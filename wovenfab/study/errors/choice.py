@@ -13,27 +13,16 @@ from wovenfab.case import Case
 from wovenfab.case.objects import sheet_of
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.progress import memory, memory_of_machines
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
-from wovenfab.study.response import (
-    GROWTH,
-    Budget,
-    Response,
-    TooLongError,
-    has_fixed_steps,
-    trial_of,
-    with_elements,
-)
-from wovenfab.study.target_accuracy.estimate import (
+from wovenfab.study.errors.elements import (
     FEW,
     DegreeRefinement,
-    Estimate,
     fastest_convergence,
     response_with_degree,
 )
-from wovenfab.study.target_accuracy.time_steps import ALMOST, Report, StepSearch
-from wovenfab.study.target_accuracy.trials import (
+from wovenfab.study.errors.estimate import Estimate
+from wovenfab.study.errors.meshes import (
     Limits,
     Mesher,
     Trial,
@@ -46,11 +35,22 @@ from wovenfab.study.target_accuracy.trials import (
     shorter_side,
     with_cells,
 )
+from wovenfab.study.errors.step_search import ALMOST, Report, StepSearch
+from wovenfab.study.response import (
+    Budget,
+    Response,
+    TooLongError,
+    has_fixed_steps,
+    trial_of,
+    with_elements,
+    work,
+)
 
 logger = logging.getLogger(__name__)
 
-#: Share of the memory of all machines that a run may take.
-MEMORY_SHARE = 0.6
+#: Unknowns of any elements, for which a run takes about 5 GB. A machine that has not as much
+#: refuses such elements; no machine chooses others.
+MOST_UNKNOWNS = 5e5
 #: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
 STEPS_SHARE = 0.25
 #: Growth of the number of steps that costs less than finer elements.
@@ -64,10 +64,9 @@ HARMLESS = 0.1
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
 WITHOUT_ERROR = 20
-#: Time that the tangents of all trials of elements usually take (s): for an accuracy that is usual,
-#: so that the answer comes within a minute, and at most. No clock is asked: a busy machine chooses
-#: the same elements.
-USUAL_ACCURACY, PATIENCE = 0.01, (40.0, 150.0)
+#: Work of the tangents of all trials of elements: for an accuracy that is usual, so that the answer
+#: comes within a minute on two processors, and at most.
+USUAL_ACCURACY, PATIENCE = 0.01, (423.0, 1585.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
 #: Error of two placements with slip friction, over the target, from which the mesh is graded:
@@ -76,29 +75,6 @@ MUCH = 4.0
 #: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
 #: middle and the highest one.
 DEGREES = (2, 3, 4, 5)
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where a search starts: with what a neighbouring scene needed, or with the coarsest.
-
-    Attributes:
-        cells: Number across the sheet's shorter side.
-        degree: Of the elements that are judged first.
-        steps: Kind of the steps and their number over that of the first trial, if known.
-        graded: Whether two placements have a graded mesh.
-    """
-
-    cells: int = COARSEST
-    degree: int = DEGREES[1]
-    steps: tuple[str, float] | None = None
-    graded: bool = False
-
-    @property
-    def degrees(self) -> tuple[int, int, int]:
-        """The degrees that are tried first: two below that, if there are."""
-        lowest = max(DEGREES[0], self.degree - 2)
-        return lowest, lowest + 1, lowest + 2
 
 
 @dataclass(frozen=True)
@@ -111,7 +87,6 @@ class Plan:
         estimate: Its errors; None where no trial reached its end.
         shortfall: Why the accuracy is not reached, or empty.
         reachable: About the least error of elements that limits allow, if known, otherwise 0.
-        start: Where the search of a neighbouring scene may start.
     """
 
     case: Case
@@ -119,7 +94,6 @@ class Plan:
     estimate: Estimate | None
     shortfall: str = ""
     reachable: float = 0.0
-    start: Start = Start()
 
 
 def plan(
@@ -127,7 +101,6 @@ def plan(
     comm: MPI.Comm,
     report: Report,
     limits: Limits | None = None,
-    start: Start = Start(),
     mesher: Mesher = sheet_of,
 ) -> Plan:
     """Return elements and steps for the accuracy of a case; collective.
@@ -140,9 +113,8 @@ def plan(
         case: A case with an accuracy.
         comm: The ranks.
         report: Called with a line on each trial.
-        limits: Of memory and time; if None a share of the memory of all machines, and the longer
-            the smaller the accuracy.
-        start: Where the search starts.
+        limits: Of unknowns and work; None for those that are usual, with the more work the smaller
+            the accuracy.
         mesher: Returns the sheet of a case.
     """
     assert case.accuracy is not None
@@ -155,21 +127,20 @@ def plan(
     sheet = mesher(base, comm)
     if limits is None:
         least, most = PATIENCE
-        seconds = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
-        limits = Limits(memory_of_machines(comm) * MEMORY_SHARE, seconds, seconds)
+        allowed = min(max(least, least * USUAL_ACCURACY / case.accuracy), most)
+        limits = Limits(MOST_UNKNOWNS, allowed, allowed)
     few = 1.0 if has_fixed_steps(base) else FEW
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
     search, steps, error_of_few = None, None, 0.0
     if base.needs.history:
         coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
-        coarse, wait = trial_of(coarse, share), limits.patience
-        search = StepSearch(coarse, comm, report, start.steps, wait, mesher)
-        later = [d for d in DEGREES if d >= start.degrees[0] and d != DEGREES[0]]
-        steps = search.steps_for(share, compile_ahead(coarse, comm, mesher, later))
+        coarse = trial_of(coarse, share)
+        search = StepSearch(coarse, comm, report, limits.patience, mesher)
+        steps = search.steps_for(share, compile_ahead(coarse, comm, mesher, DEGREES[1:]))
         left -= min(steps.error_of_more(MORE_STEPS), share) if steps else share
         error_of_few = steps.error_of_share(few) if steps else inf
     may_cut = error_of_few <= HARMLESS * left
-    meshes = _MeshSearch(base, left, mesher, limits, report, sheet, start, few, may_cut)
+    meshes = _MeshSearch(base, left, mesher, limits, report, sheet, few, may_cut)
     elements = meshes.run()
     if elements.reachable:
         able = f"about {100 * elements.reachable * case.accuracy / left:.2g} % can be asked for"
@@ -181,10 +152,8 @@ def plan(
         "elements: degree %d, mesh size %s m, estimated error %.2g of %.2g; %s",
         d.degree, d.mesh_size, error, left, elements.shortfall or "small enough",
     )  # fmt: skip
-    cells = round(shorter_side(sheet) / d.mesh_size) if d.mesh_size else COARSEST
-    found = Start(cells, d.degree, graded=bool(d.graded))
     if search is None or steps is None:
-        return replace(elements, start=found)
+        return elements
     search.learn(elements.estimate, meshes.share)
     rest = case.accuracy - error
     more = STEPS_MARGIN * rest if error <= left else share * error / case.accuracy
@@ -193,10 +162,7 @@ def plan(
     estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
     reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
-    found = replace(found, steps=(steps.words, steps.number))
-    return replace(
-        elements, case=steps.of(elements.case), estimate=estimate, shortfall=shortfall, start=found
-    )
+    return replace(elements, case=steps.of(elements.case), estimate=estimate, shortfall=shortfall)
 
 
 @dataclass
@@ -207,16 +173,15 @@ class _MeshSearch:
         case: The case without an accuracy.
         target: Relative error of the elements.
         mesher: Returns the sheet of a case.
-        limits: Of memory and time.
+        limits: Of unknowns and work.
         report: Called with a line on each trial.
         sheet: The sheet with any mesh.
-        start: The first mesh and degrees.
         share: Share of the usual steps, which is enough for all degrees.
         may_cut: Whether steps may be cut.
         graded: Whether the mesh is graded, or None for as usual.
         best: The best elements so far.
-        seconds: Time that the tangents of the last mesh usually take, s.
-        last: The same of the last trial, s.
+        work: Of the trials of the last mesh.
+        last: Of the last trial.
     """
 
     case: Case
@@ -225,20 +190,17 @@ class _MeshSearch:
     limits: Limits
     report: Report
     sheet: Sheet
-    start: Start
     share: float
     may_cut: bool = False
     graded: bool | None = None
     best: Plan | None = None
-    seconds: float = 0.0
+    work: float = 0.0
     last: float = 0.0
 
     def run(self) -> Plan:
         """Return the elements that are accurate enough, or the best; collective."""
-        cells, reachable, failure = self.start.cells, 0.0, ""
-        lowest = self.start.degrees[0]
+        cells, reachable, failure = COARSEST, 0.0, ""
         trials: list[Trial] = []
-        self.graded = self.start.graded or None
         while True:
             size = shorter_side(self.sheet) / cells
             trial = with_cells(self.case, size, graded=self.graded)
@@ -249,11 +211,11 @@ class _MeshSearch:
                 break
             error = None
             try:
-                error = self._error(trial, sheet, self._left(trials), lowest)
+                error = self._error(trial, sheet, self._left(trials))
             except (StepFailedError, StabilityLostError) as problem:
                 failure = f"no trial got to its end: {problem}"
             except TooLongError:
-                reason = f"trials of {unknowns} unknowns take longer than allowed"
+                reason = f"trials of {unknowns} unknowns take more work than allowed"
                 break
             if error is not None and error <= self.target:
                 assert self.best is not None
@@ -261,16 +223,16 @@ class _MeshSearch:
             if not has_free_size(self.case):
                 reason = failure or "the mesh is given, so that only degrees could be tried"
                 break
-            trials.append(Trial(cells, unknowns, self.seconds, error))
+            trials.append(Trial(cells, unknowns, self.work, error))
             if self._should_grade(error):
-                self._grade(sum(t.seconds for t in trials))
-                lowest, trials = DEGREES[0], []
+                self._grade(sum(t.work for t in trials))
+                trials = []
                 continue
             need, reachable = out_of_reach(trials, self.target, self.limits)
             if need:
                 reason = f"it needs elements with about {need}, more than allowed"
                 break
-            cells, lowest = next_cells(trials, self.target), DEGREES[0]
+            cells = next_cells(trials, self.target)
         logger.info("elements: accuracy not reached: %s", reason)
         if self.best is None:
             case = with_elements(self.case, degree=DEGREES[1])
@@ -278,30 +240,29 @@ class _MeshSearch:
         return replace(self.best, shortfall=reason, reachable=reachable)
 
     def _grade(self, spent: float) -> None:
-        """Go on with graded meshes, after some time (s)."""
+        """Go on with graded meshes, after some work."""
         self.report("the mesh is graded, for the error is large where yarns stick")
         self.graded = True
-        time, patience = self.limits.time - spent, self.limits.patience - spent
-        self.limits = replace(self.limits, time=time, patience=patience)
+        left, patience = self.limits.work - spent, self.limits.patience - spent
+        self.limits = replace(self.limits, work=left, patience=patience)
 
     def _left(self, trials: Sequence[Trial]) -> float:
-        """Return the time that is left for trials, s."""
-        return self.limits.patience - sum(t.seconds for t in trials)
+        """Return the work that is left for trials."""
+        return self.limits.patience - sum(t.work for t in trials)
 
-    def _error(self, trial: Case, sheet: Sheet, left: float, lowest: int) -> float | None:
+    def _error(self, trial: Case, sheet: Sheet, left: float) -> float | None:
         """Return the error on a mesh by the lowest degree that is good enough, or by the best.
 
         Args:
             trial: The case with that mesh.
             sheet: Its sheet.
-            left: Time that the steps may take, s.
-            lowest: Degree that is tried first.
+            left: Work that the steps may take.
         """
         responses: list[Response] = []
-        error, degree, self.seconds = None, lowest, 0.0
+        error, degree, self.work = None, DEGREES[0], 0.0
         while degree <= DEGREES[-1]:
             unknowns = _unknowns(trial, sheet, degree)
-            if memory(unknowns) > self.limits.memory:
+            if unknowns > self.limits.unknowns:
                 break
             if len(responses) >= 3 and self._expected(responses[-1], unknowns) > left:
                 break
@@ -310,7 +271,7 @@ class _MeshSearch:
             if response is None:
                 self.share *= 2
                 self.report("once more with twice the steps, for they cannot be made")
-                degree, responses = lowest, []
+                degree, responses = DEGREES[0], []
                 continue
             responses.append(response)
             degree += 1
@@ -334,14 +295,13 @@ class _MeshSearch:
         return much and not self.graded and could_stick(self.case)
 
     def _expected(self, lower: Response, unknowns: int) -> float:
-        """Return about how long the trials of a mesh will have taken with one more, s.
+        """Return about the work that the trials of a mesh will have taken with one more.
 
         Args:
             lower: The last response.
             unknowns: Of the next one.
         """
-        growth: float = (unknowns / lower.model.unknowns) ** GROWTH
-        return self.seconds + self.last * growth
+        return self.work + self.last * work(unknowns) / work(lower.model.unknowns)
 
     def _response(
         self, trial: Case, sheet: Sheet, degree: int, lower: Sequence[Response], left: float
@@ -355,13 +315,13 @@ class _MeshSearch:
             sheet: Its sheet.
             degree: Of the elements.
             lower: Responses of lower degrees.
-            left: Time that all steps of the mesh may take, s.
+            left: Work that all steps of the mesh may take.
         """
         short, must_be_equal = trial_of(trial, self.target), self.share < 1 and not self.may_cut
         if must_be_equal:
             whole = short.time.model_copy(update={"smallest_step": 1.0})
             short = short.model_copy(update={"time": whole})
-        before, budget = lower[-1] if lower else None, Budget(left - self.seconds)
+        before, budget = lower[-1] if lower else None, Budget(left - self.work)
         try:
             response = response_with_degree(short, sheet, degree, self.share, before, budget)
         except StepFailedError:
@@ -369,7 +329,7 @@ class _MeshSearch:
                 return None
             raise
         finally:
-            self.seconds += budget.spent
+            self.work += budget.spent
             self.last = budget.spent
         return None if must_be_equal and response.outcome.cutbacks else response
 

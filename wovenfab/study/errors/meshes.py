@@ -13,8 +13,7 @@ from mpi4py import MPI
 from wovenfab.case import Case
 from wovenfab.case.objects import follows_fibres, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.progress import memory
-from wovenfab.study.response import GROWTH, with_elements
+from wovenfab.study.response import UNIT, with_elements, work
 
 #: Returns the sheet of a case; collective over the communicator.
 Mesher = Callable[[Case, MPI.Comm], Sheet]
@@ -34,16 +33,16 @@ SEARCH_GROWTH = 1.05
 
 @dataclass(frozen=True)
 class Limits:
-    """Limits of the trials; times are those that their tangents usually take.
+    """Limits of the trials, the same on every machine, load and number of ranks.
 
     Attributes:
-        memory: Of the run, bytes.
-        time: For all trials of elements, s.
-        patience: After which a trial is given up on its way, s.
+        unknowns: Of any elements.
+        work: Of all trials of elements together; see :class:`Budget`.
+        patience: Work after which a trial is given up on its way.
     """
 
-    memory: float
-    time: float = 150.0
+    unknowns: float
+    work: float
     patience: float = inf
 
 
@@ -54,13 +53,13 @@ class Trial:
     Attributes:
         cells: Across the shorter side of the sheet.
         unknowns: Of the elements by which meshes are compared.
-        seconds: Time that their tangents usually take.
+        work: That they took.
         error: Of the best elements; None where none reached the end.
     """
 
     cells: int
     unknowns: int
-    seconds: float
+    work: float
     error: float | None
 
 
@@ -75,14 +74,18 @@ def next_cells(trials: Sequence[Trial], target: float) -> int:
 
 def over_limits(unknowns: float, trials: Sequence[Trial], limits: Limits) -> str:
     """Return what elements would need in words, if that is more than the limits allow."""
-    if (need := memory(ceil(unknowns))) > limits.memory:
-        return f"{_rounded(unknowns)} unknowns and {need / 1e9:.2g} GB of memory"
+    if unknowns > limits.unknowns:
+        return f"{_rounded(unknowns)} unknowns"
     if trials:
-        spent = sum(t.seconds for t in trials)
-        takes = spent + trials[-1].seconds * (unknowns / trials[-1].unknowns) ** GROWTH
-        if takes > limits.time:
-            return f"{_rounded(unknowns)} unknowns, whose trials take {takes / 60:.2g} min"
+        spent = sum(t.work for t in trials)
+        takes = spent + trials[-1].work * work(unknowns) / work(trials[-1].unknowns)
+        if takes > limits.work:
+            return f"{_rounded(unknowns)} unknowns, whose trials take {_tangents(takes)}"
     return ""
+
+
+def _tangents(takes: float) -> str:
+    return f"the work of {_rounded(takes)} tangents with {UNIT:.0f} unknowns"
 
 
 def out_of_reach(trials: Sequence[Trial], target: float, limits: Limits) -> tuple[str, float]:
@@ -93,7 +96,7 @@ def out_of_reach(trials: Sequence[Trial], target: float, limits: Limits) -> tupl
     Args:
         trials: The trials so far.
         target: The error.
-        limits: Of memory and time.
+        limits: Of unknowns and work.
 
     Returns:
         The need in words, or nothing; about the error that the limits allow.

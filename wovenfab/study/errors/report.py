@@ -1,25 +1,13 @@
-"""A target accuracy in words: its time, what was chosen before a run, and its errors after it.
-
-Runs of a sweep remember what they chose: the search of a neighbouring scene starts there.
-"""
+"""A target accuracy in words: its time, what was chosen before a run, and its errors after it."""
 
 from __future__ import annotations
 
-import argparse
-import ast
-import inspect
-import json
 import logging
-import os
-import re
-import timeit
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from itertools import chain
-from math import exp, inf, log
+from math import exp, log
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
@@ -27,32 +15,25 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
-from wovenfab.case.fingerprint import code, contents_of, digest
 from wovenfab.case.objects import sheet_of
-from wovenfab.parallel import by_first, on_root
-from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
+from wovenfab.study.errors.estimate import Estimate, stated_error
+from wovenfab.study.errors.step_search import ALMOST
+from wovenfab.study.errors.steps import PEAK
 from wovenfab.study.response import missed_peak
-from wovenfab.study.target_accuracy.estimate import PEAK, Estimate, stated_error
-from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
-from wovenfab.study.target_accuracy.time_steps import ALMOST
 
 Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
-#: Ratio of two numbers up to which cases that differ in nothing but numbers are neighbours.
-NEAR = 1.5
 #: Logarithms of seconds, for each of the traits of a case: of all trials with compiling, and of a
-#: cycle or ramp with what was chosen, on two processors. ``make random`` fits and prints them.
+#: cycle or ramp with what was chosen, on two processors of the machine of docs/random-fabrics.md.
+#: ``make random`` fits and prints them.
 TRIALS = (1.63, 0.12, 0.17, 1.12, 0.21, 0.03, 0.23)
 RUN = (1.09, -0.06, -0.07, 1.05, 0.32, -0.02, 0.36)
-#: Time (s) in which the machine of the fit parsed Python's module argparse a few times, how many,
-#: and how often this is measured.
-PARSING, PARSES, REPEATS = 0.023, 3, 5
 #: Angle to the mean of the families beyond which fibres are askew, rad.
 ASKEW = 0.01
-_NUMBER = re.compile(r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?")
 #: Why an accuracy counts as not reached where nothing slides in the trials of steps.
 UNKNOWN = (
     "yarns slide with these elements, but not on the coarse mesh on which steps are judged; "
@@ -83,14 +64,10 @@ def choose(
             sheets[cells] = sheet_of(trial, comm)
         return sheets[cells]
 
-    path = Path(text) if (text := os.environ.get(CHOICES)) else None
-    start = by_first(together, lambda: known_start(case, path) if path else Start())
-    chosen = plan(case, together, progress, start=start, mesher=mesher)
+    chosen = plan(case, together, progress, mesher=mesher)
     unknown = chosen.estimate is not None and not _is_known(chosen.estimate)
     if unknown and not chosen.shortfall:
         chosen = replace(chosen, shortfall=UNKNOWN)
-    if path and not chosen.shortfall:
-        on_root(together, lambda: remember(case, chosen.start, path))
     d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     graded = " on a graded mesh" if d.graded else ""
@@ -151,82 +128,13 @@ def traits(case: Case) -> tuple[float, ...]:
     )
 
 
-def expected_seconds(case: Case, slowness: float) -> float:
-    """Return about how long a case with an accuracy takes on two processors, s.
-
-    Args:
-        case: A case with an accuracy.
-        slowness: Time that the machine takes over that of the machine of the fit.
-    """
+def expected_seconds(case: Case) -> float:
+    """Return about how long a case with an accuracy takes on two processors, s."""
     known = traits(case)
     trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
     segments = chain(*case.programs.values())
     cycles = sum(s.segment(2).count for s in segments if isinstance(s, Cycles))
-    return slowness * (trials + run * max(1, cycles))
-
-
-def slowness() -> float:
-    """Return about how long this machine takes over the time of the machine of the fit.
-
-    Compiling takes most of the time of small cases; to parse a program is work of that kind.
-    """
-    program = inspect.getsource(argparse)
-    times = timeit.repeat(lambda: ast.parse(program), number=PARSES, repeat=REPEATS)
-    return median(times) / PARSING
-
-
-def known_start(case: Case, path: Path) -> Start:
-    """Return where the search for a case may start: with what its nearest neighbour chose.
-
-    Args:
-        case: A case with an accuracy.
-        path: File of choices, which need not exist.
-    """
-    words, numbers = _words_and_numbers(case)
-    near: list[tuple[float, Start]] = []
-    with suppress(OSError):
-        for line in path.read_text(encoding="utf-8").splitlines():
-            with suppress(ValueError, TypeError, KeyError):  # another version's, or half a line
-                known = json.loads(line)
-                if known["words"] != words or len(known["numbers"]) != len(numbers):
-                    continue
-                if (ratio := _ratio(known["numbers"], numbers)) <= NEAR:
-                    steps = known["steps"] and (str(known["steps"][0]), float(known["steps"][1]))
-                    cells, degree, graded = (int(known[k]) for k in ("cells", "degree", "graded"))
-                    near.append((ratio, Start(cells, degree, steps, bool(graded))))
-    if not near:
-        return Start()
-    _, start = min(near, key=lambda one: one[0])
-    logger.info("the search starts with what a neighbouring scene chose: %s", start)
-    return start
-
-
-def remember(case: Case, start: Start, path: Path) -> None:
-    """Add a choice to a file of choices, as one line: others may add theirs meanwhile."""
-    words, numbers = _words_and_numbers(case)
-    line = json.dumps({"words": words, "numbers": numbers, **vars(start)})
-    with suppress(OSError), path.open("a", encoding="utf-8") as file:
-        file.write(line + "\n")
-
-
-def _words_and_numbers(case: Case) -> tuple[str, list[float]]:
-    """Return a mark of what the results of a case depend on, and its numbers, which are apart.
-
-    The mark is of its words, of the contents of all files behind it, and of the code.
-    """
-    text = case.model_dump_json(exclude={"title", "output"}, by_alias=True)
-    contents = json.dumps(contents_of(case))
-    words = digest(_NUMBER.sub("#", text), contents, code(Path(__file__).parent))
-    return words, [float(number) for number in _NUMBER.findall(text)]
-
-
-def _ratio(some: list[float], others: list[float]) -> float:
-    """Return the largest ratio of two numbers; infinite if only one of them is zero."""
-    ratios = [1.0]
-    for a, b in zip(some, others, strict=True):
-        if a != b:
-            ratios.append(max(a / b, b / a) if a * b > 0 else inf)
-    return max(ratios)
+    return trials + run * max(1, cycles)
 
 
 def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:

@@ -1,0 +1,61 @@
+"""Errors of steps: from the responses of three numbers of steps on the same elements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import log
+
+from wovenfab.study.errors.refinement import error_of_degrees
+from wovenfab.study.response import Response, peak_of_spline
+
+PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
+
+
+def error_and_order(
+    counts: Sequence[int], values: Sequence[float], highest: float
+) -> tuple[float, float]:
+    """Return the signed error of the last of three values, and the order in which it falls.
+
+    The order is the one that the values show: where steps do not resolve how friction lets go,
+    it is lower than the scheme's.
+
+    Args:
+        counts: Three numbers of steps, one after another.
+        values: The values.
+        highest: Order of the scheme.
+    """
+    _, middle, last = error_of_degrees(counts, values, highest)
+    if not last:
+        return 0.0, highest
+    return last, min(log(middle / last) / log(counts[2] / counts[1]), highest)
+
+
+@dataclass(frozen=True)
+class StepRefinement:
+    """Responses with three numbers of steps on the same elements.
+
+    Attributes:
+        responses: The responses, one after another.
+        highest: Order of the scheme.
+    """
+
+    responses: Sequence[Response]
+    highest: float
+
+    def errors_and_orders(self) -> dict[str, tuple[float, float]]:
+        """Return each figure's signed error over it with most steps, and the order of that.
+
+        That of the peak is the error of the curve; what steps miss of it is another matter.
+        """
+        counts = [r.count for r in self.responses]
+        values = {
+            PEAK: [peak_of_spline(r.times, r.forces)[1] for r in self.responses],
+            DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
+        }
+        result = {}
+        for name, value in self.responses[-1].figures.items():
+            if value:
+                error, order = error_and_order(counts, values[name], self.highest)
+                result[name] = error / abs(value), order
+        return result
