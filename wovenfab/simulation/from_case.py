@@ -27,8 +27,7 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
-from wovenfab.case.formula import VARIABLES
-from wovenfab.case.quantities import coefficients, with_change
+from wovenfab.case.formula import VARIABLES, coefficients, with_change
 from wovenfab.forms.effect import Target
 from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
 from wovenfab.model.fields import extent, misplaced
