@@ -49,7 +49,7 @@ class Section(BaseModel):
         try:
             self.__pydantic_validator__.validate_python(data, self_instance=self)
         except ValidationError as error:
-            document = Document(data, "", {})
+            document = Document.of(data)
             raise CaseError(problems_in(error, document, self.model_json_schema())) from error
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
