@@ -44,8 +44,8 @@ suite:
 lint: ## style, format and types
 	$(enter) sh -c "ruff check . && ruff format --check . && python3 -m mypy"
 
-size: ## lines, files, pictures and imports against what they may be
-	$(enter) python3 -m tests.structure.sizes
+size: ## lines of code, functions, numbers and public names by layer; it judges nothing
+	$(enter) python3 -m benchmarks.size
 
 docs: ## write docs/parameters.md anew and build the documentation site: build/site/index.html
 	$(enter) wovenfab schema --effects > docs/parameters.md

@@ -19,11 +19,11 @@ from mpi4py import MPI
 from benchmarks.figure import Figure
 from benchmarks.probe import CASE
 from wovenfab.case import read_case
+from wovenfab.case.objects import model_of, sheet_of
 from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options
 from wovenfab.model.kernels import own_kernels
 from wovenfab.model.model import Model
-from wovenfab.simulation.from_case import model_of, sheet_of
 
 SIZE = "discretisation.mesh_size=25mm"
 REPEATS = 7

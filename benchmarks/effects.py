@@ -9,8 +9,8 @@ from mpi4py import MPI
 
 from benchmarks.figure import Figure
 from wovenfab.case import read_case
+from wovenfab.case.objects import sheet_of
 from wovenfab.forms.effect import Needs
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.study.effects import Cost, line, measure, printed, study, with_effects
 
 CONFIGS = Path(__file__).parents[1] / "configs"

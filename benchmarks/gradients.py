@@ -50,9 +50,8 @@ def main(case_file: str) -> None:
     from mpi4py import MPI
 
     from wovenfab.case import read_case
+    from wovenfab.case.objects import differentiate, sheet_of, simulation_of
     from wovenfab.forms.effect import Target
-    from wovenfab.simulation.from_case import sheet_of
-    from wovenfab.simulation.simulation import Simulation
 
     comm, case = MPI.COMM_WORLD, read_case(Path(case_file))
     targets = [Target(effect, name) for effect, name in (text.split(".") for text in BY)]
@@ -60,9 +59,9 @@ def main(case_file: str) -> None:
     seconds: tuple[list[float], list[float]] = ([], [])
     for _ in range(PAIRS):
         for number in (0, 1):
-            with Simulation(case, sheet) as simulation:
+            with simulation_of(case, sheet) as simulation:
                 if number:
-                    simulation.differentiate(targets)
+                    differentiate(simulation, case, targets)
                 comm.barrier()
                 start = perf_counter()
                 steps = sum(1 for _ in simulation.steps()) - 1

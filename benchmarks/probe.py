@@ -60,15 +60,14 @@ def main(case_file: str, overrides: Sequence[str]) -> None:
     from mpi4py import MPI
 
     from wovenfab.case import read_case
+    from wovenfab.case.objects import sheet_of, simulation_of
     from wovenfab.record.history import peak_force
-    from wovenfab.simulation.from_case import sheet_of
     from wovenfab.simulation.progress import peak_memory
-    from wovenfab.simulation.simulation import Simulation
 
     comm = MPI.COMM_WORLD
     before = peak_memory()
     case = read_case(Path(case_file), overrides)
-    with Simulation(case, sheet_of(case, comm)) as simulation:
+    with simulation_of(case, sheet_of(case, comm)) as simulation:
         comm.barrier()
         start = time.perf_counter()
         steps = list(simulation.steps())

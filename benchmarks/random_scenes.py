@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 
 from wovenfab.case import Case, read_case
-from wovenfab.record.fingerprint import fingerprint
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.record.results import markdown, this_process
 from wovenfab.record.summary import read_summary
-from wovenfab.simulation.response import NOTHING
+from wovenfab.study.response import NOTHING
 from wovenfab.study.runner import (
     Command,
     Ended,

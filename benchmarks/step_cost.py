@@ -11,9 +11,8 @@ from mpi4py import MPI
 from benchmarks.figure import Figure
 from benchmarks.probe import CASE
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 
 SETTINGS = ("program.amplitudes=40 mm", "time.steps_per_cycle=40")
 #: Functions that are arithmetic alone, by file and name; of PETSc's those of its linear solver.
@@ -50,7 +49,7 @@ def step_cost() -> list[Figure]:
 
 def _run(case: Case, sheet: Sheet) -> tuple[int, int]:
     """Make all steps; return the number of unknowns and of steps."""
-    with Simulation(case, sheet) as simulation:
+    with simulation_of(case, sheet) as simulation:
         count = sum(1 for _ in simulation.steps())
         return simulation.model.unknowns, count - 1
 

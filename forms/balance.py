@@ -159,6 +159,7 @@ class Balance:
             or None.
         loads: Dead loads.
         load_weight: UFL scalar that multiplies the loads in :meth:`potential`.
+        potentials: Further potentials (J) of the field, each with its weight.
         geometric_weight: UFL scalar that multiplies the tangent but for its positive part.
     """
 
@@ -174,6 +175,7 @@ class Balance:
     loads: tuple[Load, ...] = ()
     load_weight: Any = 1
     geometric_weight: Any = 1
+    potentials: tuple[tuple[Any, Any], ...] = ()
 
     @property
     def second_gradient(self) -> bool:
@@ -186,6 +188,8 @@ class Balance:
         total = sum(t.weight * self._density(t, point) for t in self.terms) * self._dx
         for load in self.loads:
             total -= self.load_weight * load.work(self.field)
+        for weight, potential in self.potentials:
+            total += weight * potential
         return total
 
     def power(self) -> Any | None:
@@ -210,6 +214,8 @@ class Balance:
         total = first_variation(self._density_of(self.terms), point, self._vary(test)) * self._dx
         for load in self.loads:
             total -= load.work(test)
+        for _, potential in self.potentials:
+            total += ufl.derivative(potential, self.field, test)
         return total
 
     def jacobian(self, trial: Any, test: Any, last: Any | None = None) -> Any:
@@ -231,7 +237,11 @@ class Balance:
         for term in strained:
             strains = _bound(term.effect.strains, term.values)
             total += strain_variation(strains, point, s, t, self.geometric_weight, before)
-        return total * self._dx
+        form = total * self._dx
+        for _, potential in self.potentials:
+            first = ufl.derivative(potential, self.field, test)
+            form += self.geometric_weight * ufl.derivative(first, self.field, trial)
+        return form
 
     @property
     def _dx(self) -> Any:
@@ -298,8 +308,8 @@ class Balance:
         return terms
 
     def alone(self, term: Term) -> Balance:
-        """Return the balance of one effect, without loads."""
-        return replace(self, terms=(term,), loads=())
+        """Return the balance of one effect, without loads and further potentials."""
+        return replace(self, terms=(term,), loads=(), potentials=())
 
 
 def _bound(function: Any, values: Values) -> Callable[[Any], Any]:

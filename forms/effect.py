@@ -210,6 +210,39 @@ class Effect:
         if self.memory and (self.facet_strains or self.edge_strains):
             raise ValueError(f"effect {self.name!r}: a memory is inside the sheet, not on facets")
 
+    def __call__(self, *values: Any, law: str = "", **named: Any) -> Term:
+        """Return the effect with its parameters in SI units, as in ``shear(stiffness=400.0)``.
+
+        Args:
+            *values: Parameters in their order: numbers, UFL expressions, or functions of the
+                position that return UFL; a pair where both families have their own.
+            law: One of the effect's laws; the first one unless given.
+            **named: Parameters by name.
+
+        Raises:
+            TypeError: A parameter is missing, unknown or given twice, or there is no such law.
+        """
+        known = {one.law: one for one in self.all_laws}
+        if law and law not in known:
+            raise TypeError(f"{self.name} has no law {law!r}, but {', '.join(known)}")
+        effect = known[law] if law else self
+        parameters = {p.name: p for p in effect.parameters}
+        if len(values) > len(parameters):
+            raise TypeError(f"{self.name} takes {', '.join(parameters)}, but got {len(values)}")
+        given = dict(zip(parameters, values, strict=False))
+        if unknown := [name for name in named if name not in parameters or name in given]:
+            raise TypeError(
+                f"{self.name} takes no {unknown[0]!r}, or not twice, but {', '.join(parameters)}"
+            )
+        given |= named
+        for name, parameter in parameters.items():
+            if name not in given and parameter.default is None:
+                raise TypeError(f"{self.name} needs {name} ({parameter.unit}): {parameter.meaning}")
+            value = given.get(name, parameter.default)
+            pair = parameter.per_family and not isinstance(value, tuple)
+            given[name] = (value, value) if pair else value
+        return Term(effect, given)
+
     @property
     def all_laws(self) -> tuple[Effect, ...]:
         """The effect itself and its other laws."""
@@ -250,7 +283,8 @@ class Term:
 
     Attributes:
         effect: The effect.
-        values: UFL scalars by parameter name (a pair where it is per family).
+        values: By parameter name (a pair where it is per family); UFL scalars where forms are
+            made of them.
         weight: UFL scalar that multiplies the term in :meth:`Balance.potential` and
             :meth:`Balance.power` (and nowhere else), so that one compiled form can
             give each effect's share.
@@ -258,7 +292,7 @@ class Term:
 
     effect: Effect
     values: Values
-    weight: Any
+    weight: Any = 1
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import numpy as np
 from paper.campaign import Campaign, Results
 from paper.measures import Loop, likeness
 from wovenfab.case import Case, Rectangle
-from wovenfab.record.history import bias_extension_of
+from wovenfab.case.specimen import bias_extension_of
 
 
 @dataclass(frozen=True)

@@ -5,10 +5,24 @@ from __future__ import annotations
 import gc
 import logging
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 from mpi4py import MPI
+
+from wovenfab.model import assembly
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add an option by which FFCx writes all kernels itself, as with a version not compared."""
+    parser.addoption("--plain-kernels", action="store_true", help="let FFCx write all kernels")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Let FFCx write all kernels of this process where that was asked for."""
+    if config.getoption("--plain-kernels"):
+        assembly.writing, assembly.way = nullcontext, "FFCx"
 
 
 @pytest.fixture

@@ -17,10 +17,10 @@ from petsc4py import PETSc
 
 from wovenfab.forms import effects
 from wovenfab.forms.balance import Balance, FacetTerm
-from wovenfab.forms.effect import Effect
+from wovenfab.forms.effect import Effect, Term
 from wovenfab.forms.kinematics import Facet
 from wovenfab.model.assembly import assemble_matrix, assemble_scalar, assemble_vector, create_matrix
-from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
+from wovenfab.model.constraints import EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet, directions, rectangle
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -79,9 +79,9 @@ def model(
 
     A law of an effect is named after a colon: ``"slip_friction:coulomb"``.
     """
-    chosen = [effect(name) for name in names]
-    held = (rotation_edges, rotation_edges)
-    return build_model(on, chosen, values, numerics or Numerics(2), held, loads)
+    terms = [Term(one, values[one.name]) for one in map(effect, names)]
+    held = [Grip(edge, rotation=True) for edge in rotation_edges]
+    return build_model(on, terms, [*held, *loads], numerics or Numerics(2))
 
 
 def effect(name: str) -> Effect:
@@ -94,8 +94,7 @@ def solver(
     of: Model, grips: Sequence[Grip] = PULL, options: SolverOptions | None = None
 ) -> EquilibriumSolver:
     """Return the solver of a model."""
-    constraints = Constraints(of.placements, of.sheet, grips)
-    return EquilibriumSolver(Problem(of, constraints), options or SolverOptions())
+    return EquilibriumSolver(Problem(replace(of, grips=tuple(grips))), options or SolverOptions())
 
 
 def force(

@@ -5,18 +5,15 @@ from __future__ import annotations
 from typing import Any
 
 import dolfinx
+import ffcx
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 
-try:
-    from ffcx.codegeneration.C import integral as _kernels
-except ImportError:  # 0.9
-    from ffcx.codegeneration.C import integrals as _kernels
-
-#: The module that writes the C code of integrals.
-FFCX_KERNELS: Any = _kernels
+#: Versions of FFCx whose kernels were compared with those of model/kernels.py
+#: (tests/solver/test_compilation.py); any other writes all kernels itself.
+COMPARED = ("0.9", "0.11")
 _REASONS = PETSc.SNES.ConvergedReason
 #: PETSc's name of the reason that a residual is no number; another one since its 3.24.
 NOT_FINITE = (
@@ -24,6 +21,11 @@ NOT_FINITE = (
     if hasattr(_REASONS, "DIVERGED_FNORM_NAN")
     else "DIVERGED_FUNCTION_NANORINF"
 )
+
+
+def is_compared() -> bool:
+    """Return whether this version of FFCx is one whose kernels were compared."""
+    return ".".join(ffcx.__version__.split(".")[:2]) in COMPARED
 
 
 def rule_of(key: Any) -> Any:

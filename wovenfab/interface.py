@@ -12,7 +12,7 @@ Under ``mpirun`` all ranks call the same functions and get the same history.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, fields
 from functools import cached_property
@@ -25,21 +25,21 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError, read_case, refusal
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.case.programs import effect_programs
+from wovenfab.case.resume import require_same
+from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import FINISHED, ResultsDirectory, draw_in_subprocess
 from wovenfab.record.summary import read_summary
-from wovenfab.simulation.checkpoint import load_checkpoint, require_same, require_same_mesh
-from wovenfab.simulation.from_case import sheet_of
+from wovenfab.simulation.checkpoint import load_checkpoint, require_same_mesh
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.run import Columns, run
-from wovenfab.simulation.simulation import Outcome, Simulation
+from wovenfab.simulation.simulation import Observer, Outcome, Simulation
 from wovenfab.stepping.step import Step
 
 if TYPE_CHECKING:
     from dolfinx import fem
-
-    from wovenfab.record.fields import StoredFields
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -142,8 +142,6 @@ class Run:
         Raises:
             FileNotFoundError: If no fields were stored.
         """
-        from wovenfab.record.fields import read_fields
-
         if self.directory is None:
             raise FileNotFoundError(
                 "a run in memory stores no fields: give simulate() a directory, or loop over "
@@ -189,12 +187,8 @@ class SolvedStep(Step):
         Raises:
             StepOverError: If the simulation is at another step.
         """
-        from dolfinx import fem
-
         self._require_present()
-        model = self.simulation.model
-        first, second = (fem.Function(s, model.field.x) for s in model.placements.families)
-        return first, second
+        return self.simulation.displacements
 
     def field(self, name: str) -> fem.Function:
         """Return a field of the sheet as a dolfinx function, discontinuous between cells.
@@ -207,9 +201,7 @@ class SolvedStep(Step):
             StepOverError: If the simulation is at another step.
         """
         self._require_present()
-        from wovenfab.model.fields import interpolated
-
-        return interpolated(self.simulation.model, name)
+        return self.simulation.field(name)
 
     def _require_present(self) -> None:
         now = self.simulation.stepper.number
@@ -263,6 +255,7 @@ def execute(
     resume: bool = False,
     until: float = inf,
     interruption: Interruption | None = None,
+    observers: Sequence[Observer] = (),
 ) -> Execution:
     """Run a case; collective.
 
@@ -276,6 +269,7 @@ def execute(
         resume: Go on from the newest checkpoint in the directory.
         until: Time (s) at or after which the run pauses.
         interruption: Notes signals; None to leave them alone.
+        observers: Called after each accepted step.
 
     Raises:
         CaseError: If the geometry or an effect of the case cannot be used.
@@ -312,9 +306,14 @@ def execute(
             case, sheet = planned.case, planned.sheet
         progress(Progress("compiling the effects"))
         with watch.phase("compile"):
-            simulation = stack.enter_context(Simulation(case, sheet))
-        if checkpoint is None and (words := simulation.prepare()):
-            listener.say(words)
+            simulation = stack.enter_context(
+                simulation_of(case, sheet, resumes=checkpoint is not None)
+            )
+        if checkpoint is None and case.from_state is not None:
+            listener.say(
+                f"starting from the last state of {case.from_state}: displacements, work and "
+                "dissipated energy count from there"
+            )
         if place is not None and checkpoint is None:
             place.open(overwrite)
             if planned is not None and planned.estimate is not None:
@@ -331,6 +330,7 @@ def execute(
             interruption,
             errors,
             listener.accepted,
+            observers,
         )
         if names := simulation.solver.unread_options():
             what = "a name is misspelt, or nothing here uses it"
@@ -347,20 +347,27 @@ def execute(
 
 
 def simulate(
-    case: Case | str | Path,
+    what: Case | str | Path | Simulation,
     directory: str | Path | None = None,
     *,
     overwrite: bool = False,
+    resume: bool = False,
+    until: float = inf,
+    observers: Sequence[Observer] = (),
     comm: MPI.Comm | None = None,
 ) -> Run:
-    """Run a case; collective.
+    """Run a case or a simulation; collective.
 
     Args:
-        case: A case, or its file.
+        what: A case, its file, or a simulation that has not begun.
         directory: Where results are written, as ``wovenfab run`` does; None for a run in
             memory, which writes nothing.
         overwrite: Replace the results of an earlier run there.
-        comm: The ranks; all unless given.
+        resume: Go on from the newest checkpoint there.
+        until: Time (s) at or after which the run pauses.
+        observers: Called in this order after each accepted step; the model's field is that of
+            the step.
+        comm: The ranks of a case; all unless given.
 
     Returns:
         The run. One that stopped early has a summary with the reason as its ``outcome``.
@@ -368,12 +375,51 @@ def simulate(
     Raises:
         CaseError: If the case, its geometry or an effect cannot be used.
         ResultsExistError: If the directory has results.
+        NothingToResumeError: If it cannot go on from there.
         OSError: If the directory cannot be written.
     """
-    chosen = read_case(case) if isinstance(case, str | Path) else case
     place = None if directory is None else Path(directory)
-    done = execute(chosen, place, overwrite, comm or MPI.COMM_WORLD)
+    if isinstance(what, Simulation):
+        columns, summary = _run(what, place, overwrite, resume, until, observers)
+        return Run(History(columns), summary, place)
+    case = read_case(what) if isinstance(what, str | Path) else what
+    done = execute(
+        case,
+        place,
+        overwrite,
+        comm or MPI.COMM_WORLD,
+        resume=resume,
+        until=until,
+        observers=observers,
+    )
     return Run(History(done.columns), done.summary, place, done.case)
+
+
+def _run(
+    simulation: Simulation,
+    directory: Path | None,
+    overwrite: bool,
+    resume: bool,
+    until: float,
+    observers: Sequence[Observer],
+) -> tuple[Columns, dict[str, Any]]:
+    """Run a simulation, into a directory or in memory."""
+    checkpoint, comm = None, simulation.comm
+    with ExitStack() as stack:
+        if directory is not None:
+            place = stack.enter_context(ResultsDirectory(directory, comm))
+            if resume:
+                checkpoint = load_checkpoint(directory, comm)
+                place.reopen()
+                require_same_mesh(simulation.model.sheet, checkpoint, directory)
+            else:
+                place.require_free(overwrite)
+                place.open(overwrite)
+        watch = Stopwatch()
+        _, columns, summary = run(
+            simulation, directory, lambda now: None, watch, checkpoint, until, observers=observers
+        )
+    return columns, summary
 
 
 def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[SolvedStep]:
@@ -393,7 +439,7 @@ def steps(case: Case | str | Path, *, comm: MPI.Comm | None = None) -> Iterator[
 
     chosen = read_case(case) if isinstance(case, str | Path) else case
     chosen, sheet = settled(chosen, comm or MPI.COMM_WORLD, _log_warning)
-    with Simulation(chosen, sheet) as simulation:
+    with simulation_of(chosen, sheet) as simulation:
         for step in simulation.steps():
             values = {f.name: getattr(step, f.name) for f in fields(step)}
             yield SolvedStep(**values, simulation=simulation)

@@ -61,6 +61,22 @@ def load(name: str, package: str, purpose: str) -> ModuleType:
         ) from error
 
 
+def require_home() -> None:
+    """Make sure of a home folder: Open MPI ends without, and dolfinx asks for it in any case.
+
+    Raises:
+        LackingError: Nothing tells a folder to keep compiled forms in.
+    """
+    try:
+        Path.home()
+    except RuntimeError as error:  # HOME is not set, and the system's list lacks this user
+        if not (cache := os.environ.get("XDG_CACHE_HOME")):
+            raise LackingError(
+                "there is no home folder to keep compiled forms in: set HOME or XDG_CACHE_HOME"
+            ) from error
+        os.environ["HOME"] = cache
+
+
 def compiler() -> list[str]:
     """Return the command of the C compiler by which Python compiles modules."""
     return (os.environ.get("CC") or sysconfig.get_config_var("CC") or "cc").split()

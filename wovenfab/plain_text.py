@@ -36,3 +36,9 @@ def printable(text: str) -> str:
 def one_line(text: str) -> str:
     """Return a text as :func:`printable` does, with line ends and tabulators as single spaces."""
     return printable(" ".join(text.split()))
+
+
+def in_brief(error: BaseException) -> str:
+    """Return the kind of an error and what it says in one line."""
+    text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":.")
+    return text if len(text) <= 200 else f"{text[:197]}..."

@@ -15,7 +15,7 @@ from benchmarks.hard.families import families
 from benchmarks.hard.page import page, picture_name, table
 from benchmarks.hard.results import ROOT, SOURCES, Result, row_fingerprint, run_row
 from benchmarks.hard.row import Family, Picture, is_good, verdict
-from wovenfab.record.fingerprint import fingerprint
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.record.results import Provenance, this_process
 from wovenfab.study.runner import Command, Store, execute
 

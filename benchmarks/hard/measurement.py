@@ -14,13 +14,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from benchmarks.hard.row import Figures, Setting
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 from wovenfab.parallel import on_root
 from wovenfab.record.results import has_checkpoint, write_whole
 from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Observer, Simulation
+from wovenfab.simulation.simulation import Observer
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.stability import StabilityLoss
 from wovenfab.stepping.step import Step, StepSizeControl
@@ -62,7 +62,7 @@ class Measurement:
         case = setting.case.changed(f"output.checkpoint={EVERY}")
         self._setting = setting
         sheet = sheet_of(case, comm or MPI.COMM_WORLD)
-        self.simulation = Simulation(
+        self.simulation = simulation_of(
             case, sheet, solver=solver or setting.solver, step_size=step_size
         )
         self.steps: list[Step] = []

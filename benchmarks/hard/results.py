@@ -17,7 +17,7 @@ from typing import Any
 from benchmarks.hard.families import row_named
 from benchmarks.hard.measurement import FOLDER
 from benchmarks.hard.row import Figures, Row
-from wovenfab.record.fingerprint import code
+from wovenfab.case.fingerprint import code
 from wovenfab.record.results import this_process
 from wovenfab.simulation.progress import peak_memory
 from wovenfab.study.runner import Command, execute

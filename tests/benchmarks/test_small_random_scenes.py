@@ -9,7 +9,7 @@ import pytest
 from benchmarks.random_scenes import FIGURES, MORE, finer_case, scene
 from tests.study.test_estimate import ALONE, sheet
 from wovenfab.case import read_case
-from wovenfab.simulation.response import response_of
+from wovenfab.study.response import response_of
 from wovenfab.study.target_accuracy.plan import plan
 
 ACCURACY = 0.03

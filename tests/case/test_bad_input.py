@@ -115,14 +115,15 @@ def test_what_no_machine_can_hold_is_refused_before_it_is_made(
 ) -> None:
     from mpi4py import MPI
 
-    from wovenfab.simulation import from_case, progress
+    from wovenfab.case import objects
+    from wovenfab.simulation import progress
 
     monkeypatch.setattr(progress, "memory_of_machine", lambda: 8e9)
     amplitudes = ", ".join(["1 mm"] * 100)
     case = read_case(path, [text.replace("%s", amplitudes) for text in overrides])
     start = time.monotonic()
     with pytest.raises(CaseError, match=message):
-        from_case.sheet_of(case, MPI.COMM_SELF)
+        objects.sheet_of(case, MPI.COMM_SELF)
     assert time.monotonic() - start < 5
 
 

@@ -15,7 +15,8 @@ from tests import scenes
 from tests.case.reading import WriteCase
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.checks import COMBINATIONS
-from wovenfab.simulation.from_case import constraints_of, model_of, sheet_of
+from wovenfab.case.objects import model_of, sheet_of
+from wovenfab.solver.problem import Problem
 
 VERDICTS = YAML(typ="safe").load(Path(__file__).with_name("combinations.yaml"))
 RUNS = VERDICTS["runs"]
@@ -82,7 +83,7 @@ def test_a_combination_that_is_taken_is_stable_at_rest(
     model = model_of(case, sheet_of(case, MPI.COMM_SELF))
     for weight, value in zip(model.rate_weights, (100.0, -100.0, 0.0), strict=False):
         weight.value = value
-    matrix = scenes.tangent(model, constraints_of(case, model).bcs)
+    matrix = scenes.tangent(model, Problem(model).constraints.bcs)
     dense = matrix.convert("dense").getDenseArray()
     scale = np.sqrt(np.diag(dense))
     least = np.linalg.eigvalsh((dense + dense.T) / 2 / np.outer(scale, scale))[0]

@@ -24,7 +24,7 @@ from wovenfab.case.formula import (
     with_change,
     with_coefficient,
 )
-from wovenfab.simulation.from_case import UFL_FUNCTIONS
+from wovenfab.case.objects import UFL_FUNCTIONS
 
 AT = {"x": 0.2, "y": 0.5, "program": 0.03}
 #: Formula, SI unit, and its value there by Python's own arithmetic.

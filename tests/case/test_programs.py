@@ -12,9 +12,9 @@ import pytest
 
 import wovenfab
 from wovenfab.case import CaseError, read_case
+from wovenfab.case.program import program_of_case
 from wovenfab.case.samples import thinned
 from wovenfab.cli.check import check_case
-from wovenfab.stepping.program import program_of_case
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 READY = sorted((CONFIGS / "programs").glob("*.yaml"))

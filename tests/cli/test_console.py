@@ -86,3 +86,10 @@ def test_an_argument_with_control_characters_is_refused_and_spelled_out(tmp_path
     ended = wovenfab("report", "a\x1b]0;x\x07", cwd=tmp_path)
     assert ended.returncode == 2 and r"\x1b]0;x\x07" in ended.stderr
     assert "\x1b" not in ended.stderr + ended.stdout
+
+
+@pytest.mark.parametrize("word", ["[x", "[/x]", "./case.yaml"])
+def test_a_word_that_is_no_command_is_bad_input(word: str, tmp_path: Path) -> None:
+    ended = wovenfab(word, cwd=tmp_path)
+    assert ended.returncode == 2 and not ended.stdout
+    assert word in ended.stderr

@@ -20,6 +20,12 @@ boundary: {left: clamp, right: {displacement: [program, 0]}}
 program: {type: ramp, to: 40 mm, steps: 1}
 discretisation: {degree: 2, mesh_size: 150 mm}
 """
+#: A user without a home folder.
+NOBODY = """\
+import os, pwd
+os.environ.pop("HOME", None)
+pwd.getpwuid = lambda user: {}[user]
+"""
 #: A compiler that finds no header of Python.
 NO_HEADERS = """\
 #!/bin/sh
@@ -92,6 +98,16 @@ def test_gmsh_without_a_library_of_the_system(ranks: int, tmp_path: Path) -> Non
     mesh = ("--set", "discretisation.mesh=unstructured")
     said = told(run(tmp_path, *mesh, ranks=ranks, PYTHONPATH=str(modules)), tmp_path)
     assert missing in said and GMSH_LIBRARIES in said
+
+
+def test_a_user_without_a_home_folder_needs_a_cache_folder(tmp_path: Path) -> None:
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / "sitecustomize.py").write_text(NOBODY)
+    said = told(run(tmp_path, PYTHONPATH=str(modules), XDG_CACHE_HOME=""), tmp_path)
+    assert "HOME" in said and "XDG_CACHE_HOME" in said
+    ended = run(tmp_path, PYTHONPATH=str(modules))
+    assert ended.returncode == 0, ended.stderr
 
 
 @pytest.mark.parametrize("module", ["typer", "ufl", "mpi4py", "dolfinx"])

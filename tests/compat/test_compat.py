@@ -17,9 +17,9 @@ from mpi4py import MPI
 
 from wovenfab import compat
 from wovenfab.case import read_case
+from wovenfab.case.objects import sheet_of
 from wovenfab.record.history import read_history
 from wovenfab.sheet.gmsh_io import graded_rectangle
-from wovenfab.simulation.from_case import sheet_of
 
 CASE = Path(__file__).parent / "case.yaml"
 WORLD = MPI.COMM_WORLD

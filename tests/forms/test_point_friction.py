@@ -44,7 +44,7 @@ def test_the_tangent_is_the_derivative_of_the_force_of_a_law_of_the_increment(ki
 
     force(start)
     one.tangent.x.array[:] = slope
-    matrix = fem_petsc.assemble_matrix(model.jacobian[-1])
+    matrix = fem_petsc.assemble_matrix(model.jacobian[one.term.effect.name])
     matrix.assemble()
     x = model.field.x.petsc_vec.duplicate()
     x.array_w[:] = way[: x.getLocalSize()]

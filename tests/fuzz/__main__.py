@@ -1,12 +1,13 @@
 """``python3 -m tests.fuzz [COUNT]``: mutated cases, each checked by the command as a user would.
 
-A file must be accepted (exit code 0) or refused with a message (2), within 10 s and 500 MB,
-without a traceback, and nothing may be written. Every fourth that is accepted is run, too, until
-it ends or is told to end: with a message, and without a traceback.
+A file must be accepted (exit code 0) or refused with a message (2), within 10 s of a processor and
+500 MB, without a traceback, and nothing may be written. Every fourth that is accepted is run, too,
+until it ends or is told to end: with a message, and without a traceback.
 """
 
 from __future__ import annotations
 
+import os
 import random
 import re
 import signal
@@ -29,6 +30,8 @@ COUNT, SECONDS, BYTES = 2000, 10.0, 500e6
 #: Which share of the accepted files is run, for how long (s), and how a run may end: done, refused,
 #: a step that cannot be made, told to end (also after its last step).
 SHARE, RUN, ENDS = 4, 12.0, (0, 2, 3, 143, -signal.SIGTERM)
+#: How many times as long a command may take by the clock as by its processor.
+CLOCK = 20
 #: Time in which a run that is told to end must have done so (s).
 PATIENCE = 20.0
 #: What takes the place of a value.
@@ -148,7 +151,7 @@ def checked(seed: int, seconds: float = SECONDS) -> tuple[str, Outcome]:
 
 def check(path: Path, seconds: float) -> Outcome:
     """Return how ``wovenfab check`` of a case ends in so many seconds."""
-    code, text, memory = _ended(("check", str(path)), path.parent, seconds, signal.SIGKILL)
+    code, text, memory = _ended(("check", str(path)), path.parent, seconds)
     words = (text.strip().splitlines() or [""])[-1]
     if code == -signal.SIGKILL:
         return Outcome("hang", words)
@@ -164,7 +167,7 @@ def check(path: Path, seconds: float) -> Outcome:
 def _run(path: Path, seconds: float) -> Outcome:
     arguments = ("run", str(path), "-o", "results", "--set", "output.pictures=false")
     time_of_run = RUN * seconds / SECONDS
-    code, text, _ = _ended(arguments, path.parent, time_of_run, signal.SIGTERM)
+    code, text, _ = _ended(arguments, path.parent, time_of_run, asked=True)
     words = (text.strip().splitlines() or [""])[-1]
     if "Traceback" in text:
         return Outcome("traceback in a run", words)
@@ -175,24 +178,39 @@ def _run(path: Path, seconds: float) -> Outcome:
 
 
 def _ended(
-    arguments: tuple[str, ...], folder: Path, seconds: float, end: signal.Signals
+    arguments: tuple[str, ...], folder: Path, seconds: float, asked: bool = False
 ) -> tuple[int, str, int]:
-    """Return exit code, output and largest memory (bytes) of a command that has so many seconds."""
+    """Return exit code, output and largest memory (bytes) of a command that has so many seconds.
+
+    They are those of a processor, for others may use it, too: by the clock it has more. At their
+    end it is killed, or asked to end.
+    """
     command = [sys.executable, "-P", "-m", "wovenfab", *arguments]
     with tempfile.TemporaryFile() as said:
         process = subprocess.Popen(command, cwd=folder, stdout=said, stderr=said)
-        until, most = time.monotonic() + seconds, 0
+        until, most = time.monotonic() + CLOCK * seconds, 0
         while process.poll() is None and time.monotonic() <= until:
+            if processor_time(process.pid) > seconds:
+                break
             most = max(most, _memory(process.pid))
             time.sleep(0.02)
         if process.poll() is None:
-            process.send_signal(end)
+            process.send_signal(signal.SIGTERM if asked else signal.SIGKILL)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(PATIENCE)
             process.kill()
             process.wait()
         said.seek(0)
         return process.returncode, said.read().decode(errors="replace"), most
+
+
+def processor_time(process: int) -> float:
+    """Return the processor time of a process and of those of its children that ended (s)."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
 def _memory(process: int) -> int:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from tests.fuzz import geometries, measured, results
-from tests.fuzz.__main__ import GOOD, fuzz
+from tests.fuzz.__main__ import GOOD, check, fuzz
+from tests.fuzz.geometries import CASE
 
 
 def test_mutated_cases_are_accepted_or_refused_in_words() -> None:
-    # Other tests share the processors: only a check without an end is too long here.
-    assert fuzz(range(24), seconds=60.0).keys() <= GOOD
+    assert fuzz(range(24)).keys() <= GOOD
 
 
 def test_mutated_measured_and_fit_files_are_accepted_or_refused_in_words() -> None:
@@ -17,8 +19,18 @@ def test_mutated_measured_and_fit_files_are_accepted_or_refused_in_words() -> No
 
 
 def test_mutated_geometry_files_are_accepted_or_refused_in_words() -> None:
-    assert geometries.fuzz(range(12), seconds=60.0).keys() <= GOOD
+    assert geometries.fuzz(range(12)).keys() <= GOOD
 
 
 def test_damaged_results_are_read_or_refused_in_words_and_left_as_they_are() -> None:
     assert results.fuzz(range(6)).keys() <= results.GOOD
+
+
+def test_a_command_without_an_end_is_told_by_the_time_of_its_processor(tmp_path: Path) -> None:
+    loop = "DefineConstant[ n = 1 ]; For i In {1:1e9} n = n + 1; EndFor Line(1) = {1, 2};\n"
+    (tmp_path / "sheet.geo").write_text(loop)
+    case = CASE.format(suffix=".geo", size="", edges="")
+    (tmp_path / "case.yaml").write_text(case)
+    assert check(tmp_path / "case.yaml", 0.3).kind == "hang"
+    (tmp_path / "sheet.geo").write_text("")
+    assert check(tmp_path / "case.yaml", 60.0).kind == "refused"

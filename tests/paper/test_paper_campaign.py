@@ -16,7 +16,7 @@ from paper.claims import Claim, claims, evenness
 from paper.elements import compare, finding
 from paper.figures import CYCLE, FIGURES
 from paper.page import ERRORS, LOOPS, YARNS, page
-from wovenfab.record.fingerprint import fingerprint
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.report.style import read_provenance
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import sweep

@@ -10,11 +10,11 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.objects import model_of, sheet_of
 from wovenfab.model.assembly import cache_folder
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation import progress
-from wovenfab.simulation.from_case import model_of, sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.study.response import (
     Response,
     prolongated,
     response_of,

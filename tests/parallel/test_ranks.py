@@ -19,14 +19,13 @@ from mpi4py import MPI
 
 from tests import scenes
 from wovenfab.case import read_case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.compat import NOT_FINITE
 from wovenfab.model.model import Model, Numerics
 from wovenfab.parallel import by_first
 from wovenfab.sheet.geometry_file import GeometryFile, from_file
 from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.stability import StabilityLoss
@@ -125,7 +124,7 @@ def test_grips_that_several_ranks_share_have_the_same_reactions(names: tuple[str
 def test_displacements_by_a_formula_are_attained_on_every_rank() -> None:
     """Ranks round the position of a node that they share differently: its owner's value counts."""
     case = read_case(CONFIGS / "picture-frame.yaml", ["program.to=7.5 mm", "program.steps=1"])
-    with Simulation(case, sheet_of(case, COMM)) as simulation:
+    with simulation_of(case, sheet_of(case, COMM)) as simulation:
         result = simulation.run()
         assert result.failure is None and result.cutbacks == 0
         assert not simulation.solver.problem.constraints.unmet(simulation.model.field)

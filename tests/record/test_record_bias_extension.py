@@ -6,7 +6,9 @@ import pytest
 
 from tests.report.sample import WIDTH, make, turn_of
 from wovenfab.case import read_case
-from wovenfab.record.history import BiasExtension, bias_extension_of, read_history
+from wovenfab.case.specimen import bias_extension_of
+from wovenfab.record.bias_extension import BiasExtension
+from wovenfab.record.history import read_history
 from wovenfab.record.summary import mean_shear_angle, read_cycles, write_cycles
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from wovenfab.record.summary import cycles, read_cycles, write_cycles
+from wovenfab.record.summary import cycles, read_cycles, window, write_cycles
 
 PERIOD, AMPLITUDE, STIFFNESS, VISCOSITY = 2.0, 0.04, 3e3, 50.0
 SLIDER, DRIFT = 7.0, 1e-3
@@ -89,6 +89,18 @@ def test_what_comes_before_and_between_cycles_belongs_to_none() -> None:
     (found,) = cycles(history, [(PERIOD, 2 * PERIOD)])
     assert (found.start, found.end) == (PERIOD, 2 * PERIOD)
     assert found.dissipated == pytest.approx(LOSS, rel=1e-9)
+
+
+def test_a_window_takes_the_rows_around_it_alone() -> None:
+    """So that the figures of many cycles cost no more than the rows of all of them."""
+    history = spring_and_damper(3, 1201)
+    times = history["time_s"]
+    for start, end in ((times[7], times[400]), (0.3, 4.21), (times[9] + 1e-12, 9.0), (0.0, 0.7)):
+        part = window(history, start, end)
+        assert part["time_s"][0] == start and part["time_s"][-1] == min(end, times[-1])
+        for name, values in history.items():
+            expected = np.interp(part["time_s"], times, values)
+            np.testing.assert_allclose(part[name], expected, rtol=1e-14)
 
 
 def test_a_run_without_a_step_has_no_cycles() -> None:

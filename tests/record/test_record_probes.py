@@ -15,8 +15,9 @@ from tests.verification.test_few_unknowns import SAMPLES
 from wovenfab.case import Case, CaseError
 from wovenfab.case.schema import Output
 from wovenfab.interface import execute
-from wovenfab.model.fields import Probes
 from wovenfab.model.model import Numerics
+from wovenfab.model.probes import Probes
+from wovenfab.record import output
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
 from wovenfab.sheet.lattice import Lattice, circle, locate
@@ -128,7 +129,8 @@ def test_probes_of_a_homogeneous_strain_are_exact(names: tuple[str, ...]) -> Non
     model = scenes.model(SAMPLES["1:3"].sheet(0.15), names, Numerics(2))
     gradient = np.array([[0.05, 0.1], [0.02, -0.03]])
     scenes.set_field(model.field, lambda x: gradient @ x[:2])
-    probes = Probes(model, Output(probes=PROBES).gauges)
+    given = {name: probe.probe for name, probe in Output(probes=PROBES).probes.items()}
+    probes = Probes(model, output.Output(probes=given).gauges)
     values = dict(zip(probes.columns, probes.values(), strict=True))
     ends = np.array([ANY, (0.6, 0.17)])
     rest, now = (ends[1] - ends[0]) @ np.array([np.eye(2), np.eye(2) + gradient]).swapaxes(1, 2)

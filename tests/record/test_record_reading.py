@@ -139,6 +139,45 @@ def test_fields_that_are_damaged_are_refused_with_their_file(
         read_fields(tmp_path).field("f", 1)
 
 
+def raw(file: h5py.File, other: Path) -> None:
+    file.create_dataset("f", (3,), "f8", external=[(other, 0, h5py.h5f.UNLIMITED)])
+
+
+def virtual(file: h5py.File, other: Path) -> None:
+    layout = h5py.VirtualLayout((3,), "f8")
+    layout[:] = h5py.VirtualSource(other, "secret", (3,))
+    file.create_virtual_dataset("f", layout)
+
+
+def linked(file: h5py.File, other: Path) -> None:
+    file["f"] = h5py.ExternalLink(other, "secret")
+
+
+def linked_upwards(file: h5py.File, other: Path) -> None:
+    file["f"] = h5py.ExternalLink(f"../../{other.name}", "secret")
+
+
+@pytest.mark.parametrize("take", [raw, virtual, linked, linked_upwards])
+def test_numbers_of_other_files_of_the_machine_are_not_read(
+    take: Callable[[h5py.File, Path], None], tmp_path: Path
+) -> None:
+    """They would go into an export, which is passed on."""
+    (tmp_path / "run").mkdir()
+    fields(tmp_path / "run")
+    with h5py.File(tmp_path / "other.h5", "w") as file:
+        file["secret"] = np.arange(3.0)
+    with h5py.File(tmp_path / "run" / "fields" / "000001.h5", "r+") as file:
+        unit = file["f"].attrs["unit"]
+        del file["f"]
+        take(file, tmp_path / "other.h5")
+        if take in (raw, virtual):
+            file["f"].attrs["unit"] = unit
+    with h5py.File(tmp_path / "other.h5", "r+") as file:
+        file["secret"].attrs["unit"] = unit
+    with pytest.raises(UnreadableResultsError, match="is in a file elsewhere"):
+        read_fields(tmp_path / "run").field("f", 1)
+
+
 def test_a_head_that_claims_more_than_there_is_costs_no_memory(tmp_path: Path) -> None:
     fields(tmp_path)
     with h5py.File(tmp_path / "fields" / "000001.h5", "r+") as file:

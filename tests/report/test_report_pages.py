@@ -12,9 +12,10 @@ from mpi4py import MPI
 
 from tests.report.sample import CASE, make
 from wovenfab.cli.report import report_results
+from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
-from wovenfab.record.history import ESSENTIAL, BiasExtension, read_history
+from wovenfab.record.history import ESSENTIAL, read_history
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
@@ -279,6 +280,14 @@ def test_a_title_is_cut_where_it_would_not_be_read(small: Path) -> None:
     (small / "case.yaml").write_text(re.sub(r"title:.*", "title: " + "word " * 50_000, case))
     source = open_run_data(small)
     assert source.title.startswith("word word") and len(source.title) < 1000
+
+
+def test_more_cycles_than_rows_are_damage(small: Path) -> None:
+    summary = json.loads((small / "summary.json").read_text())
+    summary["cycles"] = [{"start_s": 1e-6 * i, "end_s": 1e-6 * (i + 1)} for i in range(20_000)]
+    (small / "summary.json").write_text(json.dumps(summary))
+    with pytest.raises(UnreadableResultsError, match=r"summary\.json: there are 20000 cycles for"):
+        open_run_data(small)
 
 
 @pytest.mark.parametrize("travel", [1e300, 1e-300])

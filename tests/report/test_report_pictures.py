@@ -2,6 +2,7 @@ import json
 import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -14,7 +15,7 @@ from tests.report.sample import make
 from wovenfab.cli.report import report_results
 from wovenfab.record.fields import FieldSeries, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.report.curves import loop
+from wovenfab.report.curves import MOST_CYCLES, loop, losses
 from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.sheet import MODE_SIZE, deformed, mode
@@ -48,6 +49,21 @@ def test_the_loop_shows_every_row_once_in_millimetres(two: Path) -> None:
     np.testing.assert_allclose(x, 1e3 * history["displacement_m"], atol=1e-9)
     assert axes.get_xlabel() == "displacement (mm)"
     assert axes.get_ylabel() == "force (N)"
+
+
+def test_of_many_cycles_some_are_drawn_one_by_one_above_all(two: Path) -> None:
+    """To draw each of thousands of cycles took minutes."""
+    source = open_run_data(two)
+    many = replace(source, cycles=source.cycles[:1] * 5000 + source.cycles[1:])
+    axes = loop(many).axes[0]
+    curves = [line for line in axes.lines if len(line.get_xdata()) > 2]
+    assert len(curves) == MOST_CYCLES + 1
+    np.testing.assert_allclose(curves[0].get_xdata(), 1e3 * source.history["displacement_m"])
+    legend = axes.get_legend()
+    numbers = [text.get_text().split()[0] for text in legend.get_texts()]
+    assert (len(numbers), numbers[0], numbers[-1]) == (MOST_CYCLES, "1", "5002")
+    assert "32 of 5002" in legend.get_title().get_text()
+    assert len(losses(many).axes[1].patches) == MOST_CYCLES
 
 
 def test_the_loop_states_the_dissipated_energy_of_the_data(two: Path) -> None:

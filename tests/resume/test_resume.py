@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -16,10 +17,11 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.objects import options_of
 from wovenfab.interface import Execution, execute
+from wovenfab.record.field_file import newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import read_fields
-from wovenfab.record.results import CHECKPOINT, NothingToResumeError
-from wovenfab.simulation.from_case import options_of
+from wovenfab.record.results import CHECKPOINT, EARLIER_CHECKPOINT, NothingToResumeError
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
@@ -282,6 +284,49 @@ def test_a_state_that_cannot_be_used_is_refused(
     assert not (tmp_path / "run").exists()
 
 
+CRAFTED: list[Callable[[Any], Any]] = [
+    lambda kept: replace(kept, arrays={"program": kept.arrays["program"]}),
+    lambda kept: replace(kept, arrays={n: a[:-1] for n, a in kept.arrays.items()} | _program(kept)),
+    lambda kept: replace(kept, arrays={n: a.ravel() for n, a in kept.arrays.items()}),
+    lambda kept: replace(kept, arrays={n: np.float64(1) for n in kept.arrays} | _program(kept)),
+    *(
+        lambda kept, name=name, value=value: replace(kept, values=kept.values | {name: value})
+        for name in ("case", "stepper", "edges")
+        for value in (None, [], {}, "x", {"state": {"states": [1.0]}})
+    ),
+    lambda kept: replace(kept, values={n: v for n, v in kept.values.items() if n != "edges"}),
+]
+
+
+def _program(kept: Any) -> dict[str, Any]:
+    return {"program": kept.arrays["program"]}
+
+
+@pytest.fixture(scope="module")
+def tension(tmp_path_factory: pytest.TempPathFactory) -> tuple[Case, Path]:
+    case = small("elastic-1x3", "program={type: ramp, to: 8 mm, steps: 4, duration: 1 s}")
+    folder = tmp_path_factory.mktemp("tension") / "run"
+    run(case, folder, until=0.5)
+    return case, folder
+
+
+@pytest.mark.parametrize("craft", CRAFTED)
+def test_a_checkpoint_that_another_program_wrote_is_refused_in_words(
+    craft: Callable[[Any], Any], tension: tuple[Case, Path], tmp_path: Path
+) -> None:
+    case, origin = tension
+    folder = tmp_path / "run"
+    shutil.copytree(origin, folder)
+    crafted = craft(newest_checkpoint(origin))
+    for name in (CHECKPOINT, EARLIER_CHECKPOINT):
+        (folder / name).unlink(missing_ok=True)
+    write_checkpoint(folder, crafted)
+    with pytest.raises(CaseError, match=r"from_state: .*(checkpoint|has another sheet)"):
+        run(case.changed({"from_state": str(folder)}), tmp_path / "other")
+    with pytest.raises(NothingToResumeError, match=r"checkpoint|cannot go on"):
+        run(case, folder, resume=True)
+
+
 PLATE = """
 DefineConstant[ w = 0.1 ];
 Include "size.geo";
@@ -358,7 +403,7 @@ def test_a_run_goes_on_with_another_time_scheme_though_a_factor_was_kept(
     before: str, after: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(
-        "wovenfab.simulation.simulation.options_of",
+        "wovenfab.case.objects.options_of",
         lambda case: replace(options_of(case), keep_from=0.0),  # however cheap it is
     )
     case = small("bias-1x3", f"time.scheme={before}", "output.every=100")

@@ -12,9 +12,9 @@ from mpi4py import MPI
 from tests.cli.test_commands import CASE
 from tests.outlines import aligned, edge_lengths
 from wovenfab.case import CaseError, read_case
+from wovenfab.case.objects import sheet_of
 from wovenfab.cli.check import edges_of
 from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file, read_geometry
-from wovenfab.simulation.from_case import sheet_of
 
 OCC = 'SetFactory("OpenCASCADE");\n'
 #: 0.9 wide and 0.3 high; the curves are bottom, right, top, left.

@@ -79,6 +79,24 @@ def test_the_width_of_plain_shapes(outline: Outline, width: float) -> None:
     assert found is not None and found.width == pytest.approx(width, rel=0.01)
 
 
+@pytest.mark.parametrize("size", [1.0, 100.0])
+@pytest.mark.parametrize("depth", [1e-9, -1e-9, 1e-7])
+@pytest.mark.parametrize("wide", [1e-9, 1e-4, 0.2])
+def test_a_side_that_is_too_short_is_a_narrow_place(wide: float, depth: float, size: float) -> None:
+    """A notch or a step of 1e-9 m, whose parts do not face each other."""
+    ends: Points = [(0.45 - wide / 2, 0), (0.45 + wide / 2, 0)]
+    step: Points = [ends[0], (ends[0][0], depth), (ends[1][0], depth), ends[1]]
+    notch: Points = [ends[0], (0.45, depth), ends[1]]
+    for points in (step, notch) if wide < 1e-6 else (step,):
+        outline = Outline((ring([(0, 0), *points, (0.9, 0), (0.9, 0.3), (0, 0.3)]),))
+        found = narrowest(turned(outline, 0.4, 0.0, size))
+        assert found is not None and found.is_too_narrow
+        assert found.width <= size * 1.2e-7
+        c, s = np.cos(0.4), np.sin(0.4)
+        x, y = np.linalg.solve(size * np.array([[c, s], [-s, c]]).T, found.point)
+        assert abs(x - 0.45) <= wide and abs(y) <= 2 * abs(depth)
+
+
 def test_the_flattest_cell_is_that_of_the_spike() -> None:
     sheet = aligned(spike(1e-5), (45, -45), 0.05)
     cell = flattest_cell(sheet.mesh)

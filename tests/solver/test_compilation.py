@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import subprocess
 import sys
 import threading
@@ -39,7 +40,7 @@ def area() -> float:
         mesh, np.arange(cells, dtype=np.int32)
     )
     assert (values == 2.0).all()
-    return assembly.assemble_scalar((assembly.compile_form(one * ufl.dx),), mesh.comm)
+    return assembly.assemble_scalar({"": assembly.compile_form(one * ufl.dx)}, mesh.comm)
 
 
 @pytest.fixture
@@ -158,14 +159,23 @@ def test_derivatives_along_varying_or_three_directions_are_left_to_ffcx() -> Non
         assert kernels.directions_of(energy) == ()
 
 
-def test_options_in_the_current_folder_change_no_kernel(tmp_path: Path) -> None:
-    (tmp_path / "ffcx_options.json").write_text('{"table_atol": 0.9, "scalar_type": "float32"}')
-    (tmp_path / "dolfinx_jit_options.json").write_text('{"cffi_libraries": ["none-such"]}')
+@pytest.mark.parametrize(
+    "text", ['{"table_atol": 0.9, "cffi_libraries": ["none-such"], "other": 1}', "no JSON", "[1]"]
+)
+def test_files_of_options_are_not_read(text: str, tmp_path: Path) -> None:
+    for folder in (tmp_path, tmp_path / "ffcx", tmp_path / "dolfinx"):
+        folder.mkdir(exist_ok=True)
+        for name in ("ffcx_options.json", "dolfinx_jit_options.json"):
+            (folder / name).write_text(text)
     code = (
         "import ffcx, dolfinx.jit; from wovenfab.model import assembly\n"
-        "print(ffcx.get_options(assembly.form_options())['table_atol'])\n"
-        "print(dolfinx.jit.get_options(assembly.jit_options())['cffi_libraries'])"
+        "def compile_it():\n"
+        "    print(ffcx.get_options()['table_atol'])\n"
+        "    print(dolfinx.jit.get_options()['cffi_libraries'])\n"
+        "assembly._compiled(compile_it)"
     )
-    command = [sys.executable, "-P", "-c", code]
-    ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert ended.stdout.split() == ["1e-09", "None"]
+    ended = subprocess.run(
+        [sys.executable, "-P", "-c", code], cwd=tmp_path,
+        env=os.environ | {"XDG_CONFIG_HOME": str(tmp_path)}, capture_output=True, text=True,
+    )  # fmt: skip
+    assert ended.stdout.split() == ["1e-09", "None"], ended.stderr

@@ -12,7 +12,7 @@ import ufl
 from tests import scenes
 from wovenfab.compat import NOT_FINITE
 from wovenfab.forms import effects
-from wovenfab.forms.effect import Effect, Parameter
+from wovenfab.forms.effect import Effect, Parameter, Term
 from wovenfab.forms.kinematics import norm
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model, Numerics, build_model
@@ -54,7 +54,8 @@ def own(energy: object, resists: str) -> Effect:
 def with_own(effect: Effect, names: tuple[str, ...]) -> Model:
     chosen = [*(effects()[name] for name in names), effect]
     values = {**scenes.TABLE_1, "own": {"stiffness": 400.0}}
-    return build_model(scenes.sheet(), chosen, values, scenes.PROTOTYPE)
+    terms = [Term(e, values[e.name]) for e in chosen]
+    return build_model(scenes.sheet(), terms, (), scenes.PROTOTYPE)
 
 
 def test_an_effect_that_gives_no_number_is_named_and_so_is_where() -> None:

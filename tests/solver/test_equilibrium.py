@@ -12,10 +12,9 @@ from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.case import Case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.globalisation import SHORTEST, LineSearch
 from wovenfab.solver.newton import STUCK
 from wovenfab.solver.point_friction import PointStress
@@ -149,7 +148,7 @@ def test_an_iterative_linear_solver_attains_prescribed_displacements_near_zero(m
         time={"steps_per_cycle": 10},
         solver={"petsc": {"ksp_type": method}},
     )
-    with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
         steps = list(simulation.steps())
     assert len(steps) == 11 and not any(step.cutbacks for step in steps)
     assert max(step.iterations for step in steps) < 10

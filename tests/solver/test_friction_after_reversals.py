@@ -12,8 +12,7 @@ from benchmarks.hard.families.sharp_friction import ELASTIC, SOUND, WAYS, path
 from benchmarks.hard.measurement import Measurement
 from tests import scenes
 from wovenfab.case import Case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.schemes import SCHEMES
@@ -50,7 +49,7 @@ def test_steps_after_a_reversal_are_not_cut_where_one_family_hardly_bends() -> N
     """Stuck points are extrapolated as if they slid: that first step is far too long."""
     case = Case(**UNBALANCED)
     steps: list[Step] = []
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
         stepped = simulation.stepper.steps()
         steps += takewhile(lambda step: step.time < 6.9, stepped)
     assert max(step.displacement for step in steps) > steps[-1].displacement + 0.005

@@ -12,8 +12,7 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import read_case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.solver.globalisation import LOOSE, LineSearch
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 from wovenfab.stepping.step import Step
@@ -30,7 +29,7 @@ BENT = (
 def pulled() -> list[Step]:
     """Return the states of the bent yarns after a small step and a large one."""
     case = read_case(BONDED, BENT)
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
         return list(simulation.steps())
 
 

@@ -9,9 +9,9 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import response_of, with_elements
+from wovenfab.case.objects import sheet_of
 from wovenfab.solver.globalisation import EPSILON, Convergence
+from wovenfab.study.response import response_of, with_elements
 
 
 @pytest.fixture

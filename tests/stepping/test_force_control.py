@@ -10,9 +10,8 @@ from mpi4py import MPI
 
 from tests.scenes import BONDED, PROTOTYPE, PROTOTYPE_TWO_STEPS, SCHEMES, model, sheet, solver
 from wovenfab import CaseError, read_case, simulate
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.program import Program, cycle, program_of, table
 from wovenfab.stepping.step import Step
 from wovenfab.stepping.time_stepper import TimeStepper
@@ -107,5 +106,5 @@ def test_a_program_of_forces_that_cannot_be_is_refused(program: str, words: str)
 def test_derivatives_under_a_prescribed_force_are_refused() -> None:
     case = read_case(CONFIGS / "force-cycles.yaml", COARSE)
     refused = pytest.raises(CaseError, match="not available where a force is prescribed")
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
-        simulation.differentiate([Target("shear", "stiffness")])
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
+        differentiate(simulation, case, [Target("shear", "stiffness")])

@@ -12,9 +12,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.step import Step
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -46,7 +45,7 @@ def test_simulations_that_are_dropped_leave_no_object(name: str, tmp_path: Path)
     sheet = sheet_of(case, MPI.COMM_SELF)
 
     def make() -> None:
-        with Simulation(case, sheet) as simulation:
+        with simulation_of(case, sheet) as simulation:
             steps = simulation.steps()
             for _ in range(3):
                 next(steps)
@@ -72,7 +71,7 @@ def test_simulations_that_live_at_the_same_time_do_not_disturb_each_other() -> N
     stiff = case.changed("effects.shear.stiffness=4000 N/m")
     sheet = sheet_of(case, MPI.COMM_SELF)
     alone = {id(c): [step.force for step in _steps(c, sheet)] for c in (case, stiff)}
-    with Simulation(case, sheet) as one, Simulation(stiff, sheet) as other:
+    with simulation_of(case, sheet) as one, simulation_of(stiff, sheet) as other:
         pairs = list(zip(one.steps(), other.steps(), strict=True))
     for index, c in enumerate((case, stiff)):
         forces = [pair[index].force for pair in pairs]
@@ -80,5 +79,5 @@ def test_simulations_that_live_at_the_same_time_do_not_disturb_each_other() -> N
 
 
 def _steps(case: Case, sheet: Sheet) -> list[Step]:
-    with Simulation(case, sheet) as simulation:
+    with simulation_of(case, sheet) as simulation:
         return list(simulation.steps())

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from wovenfab.case import Cycles, Hold, Ramp, Table
+from wovenfab.case.program import program_of_case
 from wovenfab.case.schema import Time
-from wovenfab.stepping.program import Program, cycle, program_of, program_of_case, ramp, table
+from wovenfab.stepping.program import Program, cycle, program_of, ramp, table
 
 AMPLITUDES = (0.02, 0.037, 0.0403)
 

@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from tests import scenes
 from wovenfab.case import read_case
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Target, Term
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.schemes import SCHEMES
@@ -130,7 +129,8 @@ def test_the_same_holds_for_an_effect_of_the_user() -> None:
     own = run_path(str(ROOT / "docs" / "examples" / "my_effect.py"))["EFFECT"]
     chosen = [scenes.effect("stretch"), scenes.effect("bending"), own]
     on = scenes.sheet(0.6, 0.3, 0.15)
-    of = build_model(on, chosen, {**VALUES, "my_effect": {"stiffness": 400.0}}, scenes.PROTOTYPE)
+    values = {**VALUES, "my_effect": {"stiffness": 400.0}}
+    of = build_model(on, [Term(e, values[e.name]) for e in chosen], (), scenes.PROTOTYPE)
     target = Target("my_effect", "stiffness")
     (large, _), (small, _) = (remainders(of, target, share) for share in SHARES)
     assert falls_by_half(large, small)
@@ -241,9 +241,9 @@ def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, mo
 
     def run(text: str, targets: Sequence[Target] = ()) -> Any:
         case = base.changed({f"effects.{name}": text})
-        with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+        with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
             if targets:
-                simulation.differentiate(targets)
+                differentiate(simulation, case, targets)
             return [
                 step.derivatives.force[0] if step.derivatives else step.force
                 for step in simulation.steps()
@@ -260,8 +260,8 @@ def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, mo
 def test_a_coefficient_that_no_formula_has_is_refused() -> None:
     case = read_case(ROOT / "configs" / "bias-1x3.yaml")
     refused = pytest.raises(TargetError, match=r"shear\.stiffness#1 is no parameter")
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
-        simulation.differentiate([Target("shear", "stiffness", coefficient=1)])
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
+        differentiate(simulation, case, [Target("shear", "stiffness", coefficient=1)])
 
 
 @pytest.mark.mpi
@@ -271,8 +271,8 @@ def test_ranks_share_the_derivatives_of_a_case_whose_placements_jump() -> None:
     targets = [Target("bending", "stiffness"), Target("slip_friction", "slope")]
     rows = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):
-        with Simulation(case, sheet_of(case, comm)) as simulation:
-            simulation.differentiate(targets)
+        with simulation_of(case, sheet_of(case, comm)) as simulation:
+            differentiate(simulation, case, targets)
             rows.append([step.derivatives.force for step in simulation.steps()])
     both, alone = (np.array(r) for r in rows)
     assert np.abs(both - alone).max(axis=0) == pytest.approx(0.0, abs=1e-6 * np.abs(alone).max())

@@ -13,10 +13,10 @@ from mpi4py import MPI
 
 from wovenfab import CaseError, read_case, simulate
 from wovenfab.case import Case
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
+from wovenfab.case.program import program_of_case, steps_of_case
 from wovenfab.forms.effect import Target
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
-from wovenfab.stepping.program import Segment, cycle, planned_steps, program_of_case, ramp
+from wovenfab.stepping.program import Piece, cycle, ramp
 from wovenfab.stepping.program import side_by_side as beside
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
@@ -61,13 +61,13 @@ def square(**sections: Any) -> Case:
 
 
 def steps_of(case: Case, *targets: Target) -> list[Step]:
-    with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
         if targets:
-            simulation.differentiate(targets)
+            differentiate(simulation, case, targets)
         return list(simulation.steps())
 
 
-def lengths(first: list[Segment], second: list[Segment]) -> list[tuple[float, int]]:
+def lengths(first: list[Piece], second: list[Piece]) -> list[tuple[float, int]]:
     return [(round(s.duration, 12), s.steps) for s in beside(first, second)[0]]
 
 
@@ -95,7 +95,7 @@ def test_steps_end_at_extra_times_and_are_about_as_long_as_before(sections: Any)
     planned, times = (np.array([m.time for m in p.milestones]) for p in (before, program))
     assert {0.3, 0.5, 1.0, 1.255, 1.5, 2.0} <= set(times)
     assert 9.0 not in times
-    assert planned_steps(case) == len(times) - 1 <= len(planned) + 1
+    assert steps_of_case(case) == len(times) - 1 <= len(planned) + 1
     assert np.diff(times).max() <= np.diff(planned).max() + 1e-12
     np.testing.assert_allclose(program.cycles, before.cycles, rtol=1e-6)
     for t in times:
@@ -120,7 +120,7 @@ def test_both_are_hit_exactly_and_the_shorter_one_stays() -> None:
         for segments in (case.program, TURN)
     )
     times = [m.time for m in program.milestones]
-    assert planned_steps(case) == len(times) - 1
+    assert steps_of_case(case) == len(times) - 1
     for end in (1.0, 3.0, *(i / 1.4 for i in range(5))):
         assert min(abs(t - end) for t in times) < 1e-12
     for t in (*times, *np.linspace(0, 3, 77)):

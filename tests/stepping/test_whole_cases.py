@@ -11,11 +11,10 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import trial_of, with_elements, with_steps
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver import globalisation
+from wovenfab.study.response import trial_of, with_elements, with_steps
 
 #: Cases of the scene of bias-1x3 with other outputs, or with forces, which have no derivatives.
 LEFT_OUT = {"probes-1x3", "creep", "force-cycles"}
@@ -59,9 +58,9 @@ def targets_of(case: Case) -> list[Target]:
 
 def curves(case: Case, targets: Sequence[Target] = ()) -> Curves:
     """Return force and dissipated energy of each step, or their derivatives."""
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
         if targets:
-            simulation.differentiate(targets)
+            differentiate(simulation, case, targets)
         steps = list(simulation.steps())
     if targets:
         rows = [step.derivatives for step in steps if step.derivatives is not None]

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from wovenfab.forms import effects
 from wovenfab.parallel import child_environment
 
@@ -20,20 +22,26 @@ LAYERS = (
     "wovenfab.parallel",
     "wovenfab.compat",
     "wovenfab.plain_text",
-    "wovenfab.case",
-    "wovenfab.measured",
     "wovenfab.sheet",
     "wovenfab.model",
     "wovenfab.solver",
     "wovenfab.stepping",
     "wovenfab.record",
     "wovenfab.simulation",
+    "wovenfab.case",
+    "wovenfab.measured",
     "wovenfab.study",
     "wovenfab.report",
     "wovenfab.interface",
     "wovenfab.cli",
     "paper",
     "benchmarks",
+)
+#: The library: what a FEniCSx user needs, and what it must not know.
+CORE = LAYERS[: LAYERS.index("wovenfab.simulation") + 1]
+FOREIGN = (
+    *("ruamel", "yaml", "pydantic", "pint", "typer", "rich", "matplotlib", "jinja2"),
+    *("dask", "distributed", "wovenfab.case", "wovenfab.study", "wovenfab.report"),
 )
 SOURCES = sorted((*(ROOT / "wovenfab").rglob("*.py"), *(ROOT / "forms").rglob("*.py")))
 
@@ -65,6 +73,24 @@ def test_no_module_imports_from_a_layer_above_its_own() -> None:
         for module in imports(path)
         if (layer_of(module) or 0) > layer
     ] == []
+
+
+@pytest.mark.parametrize("layer", CORE)
+def test_the_library_knows_neither_files_of_cases_nor_what_shows_results(layer: str) -> None:
+    """Each module of a layer is imported in a fresh interpreter, as a script would."""
+    names = sorted(
+        module_of(path) for path in SOURCES if (module_of(path) + ".").startswith(layer + ".")
+    )
+    names = [name.removesuffix(".__init__") for name in names]
+    code = (
+        f"import importlib, sys\nfor name in {names}: importlib.import_module(name)\n"
+        f"print([m for m in sys.modules if m.startswith({tuple(f'{n}.' for n in FOREIGN)}) "
+        f"or m in {FOREIGN}])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], env=child_environment(), capture_output=True, text=True
+    )
+    assert found.stdout == "[]\n", found.stderr
 
 
 def test_every_folder_of_the_project_is_a_layer() -> None:

@@ -14,15 +14,14 @@ from mpi4py import MPI
 from tests.structure.test_installed import CASE as SMALL
 from wovenfab import forms
 from wovenfab.case import CaseError, json_schema, read_case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.cli.check import describe, effects_page
 from wovenfab.forms import effects
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Stopwatch
 from wovenfab.simulation.run import run
-from wovenfab.simulation.simulation import Simulation
 
 ROOT = Path(__file__).parents[2]
 CASE = f"{SMALL}output: {{pictures: false}}\n"
@@ -48,7 +47,7 @@ def results(name: str, text: str, folder: Path) -> Path:
     path = folder / f"{name}.yaml"
     path.write_text(text)
     case = read_case(path)
-    with Simulation(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
         directory = open_results(folder / name, comm=MPI.COMM_SELF)
         assert run(simulation, directory, lambda _: None, Stopwatch())[0].failure is None
     return directory

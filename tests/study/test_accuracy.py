@@ -19,9 +19,9 @@ from tests import scenes
 from tests.cli.test_commands import rows
 from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_pull
 from wovenfab.case import CaseError, read_case
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.field_file import newest_checkpoint
-from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.results import CHECKPOINT
 from wovenfab.study.accuracy.errors import Refinement, best_of, order_of, own_error
 from wovenfab.study.accuracy.measure import (

@@ -17,12 +17,12 @@ import wovenfab
 import wovenfab.study.target_accuracy.plan as plan_module
 from tests.study.test_estimate import ALONE, case_of, elements, sheet
 from wovenfab.case import Case
+from wovenfab.case.objects import simulation_of
 from wovenfab.record.results import CHOICES
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.response import Response, response_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
+from wovenfab.study.response import Response, response_of
 from wovenfab.study.target_accuracy import choice
 from wovenfab.study.target_accuracy.choice import (
     UNKNOWN,
@@ -193,7 +193,7 @@ def test_a_step_that_a_guess_misleads_is_solved_without_it_and_so_are_shorter_on
     case = case_of("elastic-1x3", ramp, elements(2, 0.15))
     plain, asked = response_of(case, sheet(case)), Counter[float]()
     few = case.changed(f"solver.max_iterations={most}")
-    with Simulation(few, sheet(case)) as simulation:
+    with simulation_of(few, sheet(case)) as simulation:
         size = simulation.model.field.x.array.size
         wrong = 1e-3 * np.random.default_rng(1).standard_normal(size)
 
@@ -218,7 +218,7 @@ def test_a_guess_that_misleads_costs_few_iterations_and_one_that_cannot_be_none(
     ramp = "program={type: ramp, to: 20 mm, steps: 4, duration: 1}"
     case = case_of("bias-1x3", ramp, elements(2, 0.15), "time=null", "solver.max_iterations=5")
     plain, iterations = response_of(case, sheet(case)), Counter[bool]()
-    with Simulation(case, sheet(case)) as simulation:
+    with simulation_of(case, sheet(case)) as simulation:
         states = simulation.model.field.x.array.size
         wrong = size * np.random.default_rng(1).standard_normal(states)
         solver = simulation.solver

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mpi4py import MPI
 
 from tests.study.test_estimate import case_of
-from wovenfab.simulation.from_case import sheet_of
+from wovenfab.case.objects import sheet_of
 from wovenfab.study.effects import measure
 
 

@@ -11,10 +11,10 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.objects import model_of, sheet_of, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import model_of, sheet_of
 from wovenfab.simulation.progress import memory
-from wovenfab.simulation.response import (
+from wovenfab.study.response import (
     peak_bound,
     prolongated,
     response_of,
@@ -22,7 +22,6 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FASTEST_FRICTION,
@@ -235,7 +234,7 @@ def test_a_state_of_lower_degree_has_the_prescribed_placements_of_a_higher_one()
     case = case_of("bonded-1x3", elements(3, 0.07))
     on = sheet(case)
     pulled = 0.0123
-    with Simulation(case, on) as low, Simulation(with_elements(case, degree=4), on) as high:
+    with simulation_of(case, on) as low, simulation_of(with_elements(case, degree=4), on) as high:
         for simulation in (low, high):
             simulation.solver.problem.prescribe(pulled)
         assert low.solver.solve().converged

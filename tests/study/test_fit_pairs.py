@@ -9,9 +9,8 @@ import pytest
 from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.sensitivity import TangentLinear
 from wovenfab.study.effects import by_factor, sensitivities, value_of
 from wovenfab.study.fit.fit_file import read_fit, with_values
@@ -39,7 +38,7 @@ def case(folder: Path, **values: object) -> Case:
 
 
 def force(of: Case) -> float:
-    with Simulation(of, sheet_of(of, MPI.COMM_SELF)) as simulation:
+    with simulation_of(of, sheet_of(of, MPI.COMM_SELF)) as simulation:
         return [step.force for step in simulation.steps()][-1]
 
 
@@ -151,7 +150,7 @@ def test_vectors_of_derivatives_end_with_the_simulation(
         destroy(self)
 
     monkeypatch.setattr(TangentLinear, "destroy", counted)
-    with Simulation(of, sheet_of(of, MPI.COMM_SELF)) as simulation:
-        simulation.differentiate([Target("shear", "stiffness")])
-        simulation.differentiate([Target("stretch", "stiffness")])
+    with simulation_of(of, sheet_of(of, MPI.COMM_SELF)) as simulation:
+        differentiate(simulation, of, [Target("shear", "stiffness")])
+        differentiate(simulation, of, [Target("stretch", "stiffness")])
     assert len(ended) == 2 and not any(one._b or one._x for one in ended)

@@ -10,14 +10,14 @@ from mpi4py import MPI
 
 from benchmarks.probe import CASE, sample
 from wovenfab.case import read_case
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.case.objects import sheet_of
+from wovenfab.study.accuracy.measure import measure
+from wovenfab.study.response import (
     interpolated_peak_force,
     peak_bound,
     peak_of_spline,
     response_of,
 )
-from wovenfab.study.accuracy.measure import measure
 
 Largest = Callable[[np.ndarray, np.ndarray], float]
 

@@ -9,17 +9,17 @@ from pathlib import Path
 import pytest
 
 from tests.structure.test_layers import LAYERS
+from wovenfab.case import fingerprint as module
 from wovenfab.case import read_case
+from wovenfab.case.fingerprint import COMPUTING, code, fingerprint, geometry_files
 from wovenfab.interface import simulate
-from wovenfab.record import fingerprint as module
-from wovenfab.record.fingerprint import COMPUTING, code, fingerprint, geometry_files
 
 ROOT = Path(__file__).parents[2]
 BIAS = ROOT / "configs" / "bias-1x3.yaml"
 
 
 def test_all_layers_that_compute_count() -> None:
-    computing = LAYERS[: LAYERS.index("wovenfab.simulation") + 1]
+    computing = LAYERS[: LAYERS.index("wovenfab.measured") + 1]
     assert {f"wovenfab.{name}" for name in COMPUTING} | {"wovenfab.forms"} == set(computing)
 
 
@@ -122,7 +122,7 @@ def test_code_counts_and_comments_do_not(change: str, matters: bool, tmp_path: P
         source = tmp_path / name
         source.write_text(source.read_text() + (change if "solver" in name else "AND = 2\n"))
     (tmp_path / "pyproject.toml").write_text((ROOT / "pyproject.toml").read_text())
-    script = "from wovenfab.record.fingerprint import code; print(code())"
+    script = "from wovenfab.case.fingerprint import code; print(code())"
     ended = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path, env={"PYTHONPATH": str(tmp_path), "PATH": "/usr/bin"},

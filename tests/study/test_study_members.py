@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.case import CaseError, Rectangle
-from wovenfab.stepping.program import program_of_case
+from wovenfab.case.program import program_of_case
 from wovenfab.study.sweep import Member, members_of
 from wovenfab.study.variations import folder_of_run, grid, is_sweep_file, read_over, read_sweep_file
 

@@ -9,8 +9,11 @@ import pytest
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Case, Cycles, Ramp, read_case
+from wovenfab.case.program import program_of_case
 from wovenfab.simulation.progress import InterruptedRunError
-from wovenfab.simulation.response import (
+from wovenfab.solver.newton import NewtonSolver
+from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.response import (
     Budget,
     TooLongError,
     missed_peak,
@@ -20,9 +23,6 @@ from wovenfab.simulation.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.solver.newton import NewtonSolver
-from wovenfab.stepping.program import program_of_case
-from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
     DISSIPATED,
     FEW,

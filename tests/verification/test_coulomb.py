@@ -187,6 +187,6 @@ def test_friction_has_no_more_points_than_ways_to_slip(degree: int) -> None:
 
 def test_a_scene_without_it_builds_nothing_of_it() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
-    assert plain.point_frictions == plain.friction_force == plain.loss == ()
+    assert (plain.point_frictions, plain.friction_force, plain.loss) == ((), {}, {})
     assert len(sheet_with("slip_friction").point_frictions) == 1
     assert {e.law for e in effects()["slip_friction"].all_laws} == {"smooth", "coulomb"}

@@ -93,6 +93,6 @@ def test_leaving_effects_out_leaves_out_what_only_they_need() -> None:
     assert whole.facet_integrals == 2 * 3  # of each family: tangent, residual, potential
     assert scenes.model(sheet, no_bending, TWO_STEPS).facet_integrals == 0
     elastic = scenes.model(sheet, scenes.COUPLED, TWO_STEPS)
-    assert (elastic.power, elastic.rate_weights, elastic.history) == ((), (), ())
+    assert (elastic.power, elastic.rate_weights, elastic.history) == ({}, (), ())
     bonded = scenes.model(sheet, scenes.BONDED, TWO_STEPS)
     assert 2 * bonded.unknowns == elastic.unknowns == whole.unknowns

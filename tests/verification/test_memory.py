@@ -26,9 +26,17 @@ from tests.verification.test_closed_forms import (
     TWO_STEPS,
     whole,
 )
-from wovenfab.forms.effect import Bound, Effect, InternalVariable, Needs, Parameter, Target
+from wovenfab.forms.effect import (
+    Bound,
+    Effect,
+    InternalVariable,
+    Needs,
+    Parameter,
+    Target,
+    Term,
+)
 from wovenfab.forms.kinematics import shear_tangent
-from wovenfab.model.constraints import EdgeLoad
+from wovenfab.model.constraints import Condition, EdgeLoad
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.equilibrium import EquilibriumSolver
@@ -96,11 +104,12 @@ def built(
     chosen: Sequence[str | Effect],
     numerics: Numerics = TWO_STEPS,
     values: Any = VALUES,
-    **more: Any,
+    conditions: Sequence[Condition] = (),
 ) -> Model:
     """Return a model of effects by name, or as they are."""
     effects = [scenes.effect(e) if isinstance(e, str) else e for e in chosen]
-    return build_model(on, effects, values, numerics, **more)
+    terms = [Term(e, values[e.name]) for e in effects]
+    return build_model(on, terms, conditions, numerics)
 
 
 def slider(friction: Effect, history: int = 2) -> Model:
@@ -162,7 +171,7 @@ def test_a_pushed_slider_creeps_as_its_equation_says_with_order_one() -> None:
     errors = []
     for count in (40, 80, 160):
         on = whole(length, 0.1, 0.1, scenes.ALONG)
-        model = built(on, ("stretch", "coupling", WEAR), values=stiff, loads=[load])
+        model = built(on, ("stretch", "coupling", WEAR), values=stiff, conditions=[load])
         suddenly = ramp(0.0, 1.0, 1e-6 * duration, 1)
         program = program_of([suddenly, ramp(1.0, 1.0, duration, count)])
         scenes.march(model, program, "bdf2", (SECOND_AT_REST,))
@@ -264,9 +273,36 @@ def test_derivatives_with_stress_at_points_agree_with_differences(parameter: str
         assert force < 1e-3 and lost < 1e-5
 
 
+@pytest.mark.parametrize("weaker", [2.0**-20, 1e-6])
+def test_a_bound_that_starts_at_zero_is_solved_alike_on_a_weak_sheet(weaker: float) -> None:
+    """A bound that grows from nothing has no scale of its own: that of the sheet counts.
+
+    All stiffnesses and strengths are multiplied by the same number, and so are forces and losses.
+    """
+    grows = {**VALUES, "wear": {"strength": 0.0, "end": END, "length": LENGTH}}
+    chosen = SCENES["coulomb"]
+    weak = {
+        effect: {
+            name: v if name == "length" else np.multiply(weaker, v) for name, v in some.items()
+        }
+        for effect, some in grows.items()
+    }
+    numerics = replace(scenes.PROTOTYPE, history=SCHEMES["bdf2"].memory)
+    strong, scaled = (
+        scenes.march(built(scenes.sheet(0.6, 0.3, 0.15), chosen, numerics, values), LOOP, "bdf2")
+        for values in (grows, weak)
+    )
+    print(f"\n{[s.iterations for s in strong]}, {[s.iterations for s in scaled]}")
+    assert [s.iterations for s in scaled] == [s.iterations for s in strong]
+    forces = scenes.forces(strong)
+    assert scenes.forces(scaled) == pytest.approx(weaker * forces, abs=1e-9 * weaker * forces.max())
+    assert scenes.lost(strong[-1]) > 0
+    assert scenes.lost(scaled[-1]) == pytest.approx(weaker * scenes.lost(strong[-1]), rel=1e-9)
+
+
 def test_a_scene_without_internal_variables_builds_nothing_of_them() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
-    assert plain.memory is None and plain.loss == ()
+    assert plain.memory is None and plain.loss == {}
 
 
 @pytest.mark.mpi

@@ -24,10 +24,11 @@ from wovenfab import forms
 from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
-from wovenfab.case.errors import in_brief, one_of, refusal, wrong
+from wovenfab.case.errors import one_of, refusal, wrong
 from wovenfab.forms.effect import Effect, Values
 from wovenfab.forms.kinematics import Point, point_of
 from wovenfab.lacking import LackingError
+from wovenfab.plain_text import in_brief
 
 #: Keys of an effect that are no parameters.
 RESERVED = (FILE, LAW)

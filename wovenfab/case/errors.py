@@ -148,12 +148,6 @@ def describe(value: Any) -> str:
             return _short(str(value))
 
 
-def in_brief(error: BaseException) -> str:
-    """Return the kind of an error and what it says in one line."""
-    text = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(":.")
-    return text if len(text) <= 200 else f"{text[:197]}..."
-
-
 def _short(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 

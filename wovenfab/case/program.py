@@ -1,11 +1,9 @@
-"""The displacement program as data: segments that follow each other in time."""
+"""The sections of a case on its programs: segments that follow each other in time."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise, zip_longest
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import (
@@ -37,9 +35,12 @@ from wovenfab.case.quantities import (
     is_force,
 )
 from wovenfab.case.samples import Samples, read_samples
+from wovenfab.stepping import segments
 
 if TYPE_CHECKING:
+    from wovenfab.case.case import Case
     from wovenfab.case.schema import Solver
+    from wovenfab.stepping.program import Program
 
 #: Where, what and the remedy.
 Finding = tuple[KeyPath, str, str]
@@ -124,16 +125,16 @@ class Cycles(_Segment):
             )
         return self
 
-    @property
-    def count(self) -> int:
-        """Number of cycles."""
-        return len(self.amplitudes) * self.repeat * len(self.max_velocity or self.frequency or ())
-
-    def turns(self) -> Iterator[tuple[float, float]]:
-        """Yield amplitude (m) and period (s) of each cycle."""
-        for velocity, frequency in zip_longest(self.max_velocity or (), self.frequency or ()):
-            for amplitude in self.amplitudes * self.repeat:
-                yield amplitude, 1 / frequency if frequency else math.pi * amplitude / velocity
+    def segment(self, per_cycle: int) -> segments.Cycles:
+        """Return the segment, with so many steps in each cycle."""
+        return segments.Cycles(
+            self.amplitudes,
+            self.max_velocity or (),
+            self.frequency or (),
+            self.repeat,
+            per_cycle,
+            isinstance(self.amplitudes[0], Newtons),
+        )
 
 
 class Ramp(_Segment):
@@ -162,6 +163,11 @@ class Ramp(_Segment):
             raise wrong(NO_VELOCITY.format("duration"), "For example 'duration: 10 s'.")
         return self
 
+    def segment(self, per_cycle: int) -> segments.Ramp:
+        """Return the segment; steps of cycles do not matter."""
+        force = isinstance(self.to, Newtons)
+        return segments.Ramp(self.to, self.steps, self.duration, self.velocity, force)
+
 
 class Hold(_Segment):
     """A rest at the displacement or the force reached."""
@@ -177,6 +183,11 @@ class Hold(_Segment):
 
     control: Literal["displacement", "force"] | None = None
     """What is held; that which the last segment prescribed unless given."""
+
+    def segment(self, per_cycle: int) -> segments.Hold:
+        """Return the segment; steps of cycles do not matter."""
+        force = None if self.control is None else self.control == "force"
+        return segments.Hold(self.duration, self.steps, force)
 
 
 class Trapezoid(_Segment):
@@ -211,13 +222,11 @@ class Trapezoid(_Segment):
             raise wrong("a trapezoid goes to a displacement, not to a force", remedy)
         return data
 
-    def parts(self, start: float) -> tuple[Ramp | Hold, ...]:
-        """Return the segments that it is short for, once."""
-        more: Any = {"steps": self.steps, "velocity": self.velocity}
-        there, back = (Ramp.model_construct(to=to, **more) for to in (self.to, start))
-        durations = filter(None, (self.hold, self.rest))
-        first, *rest = (Hold.model_construct(duration=d, steps=self.steps) for d in durations)
-        return there, first, back, *rest
+    def segment(self, per_cycle: int) -> segments.Trapezoid:
+        """Return the segment; steps of cycles do not matter."""
+        return segments.Trapezoid(
+            self.to, self.velocity, self.hold, self.rest, self.repeat, self.steps
+        )
 
 
 class Table(_Segment):
@@ -240,49 +249,44 @@ class Table(_Segment):
     ] = Field(alias="file", examples=["u.csv"])
     """CSV file with the columns time_s (from the segment's start) and displacement_m or force_N."""
 
-    @property
-    def divisions(self) -> tuple[int, ...]:
-        """Number of equal steps to each row from the one before, or from the start."""
-        times = self.samples.times
-        pieces = [after - before for before, after in pairwise((0.0, *times)) if after > 0]
-        longest = times[-1] / self.steps * (1 + 1e-9) if self.steps else math.inf
-        return tuple(max(1, math.ceil(piece / longest)) for piece in pieces)
+    def segment(self, per_cycle: int) -> segments.Table:
+        """Return the segment; steps of cycles do not matter."""
+        samples = self.samples
+        return segments.Table(samples.times, samples.values, self.steps, samples.force)
 
 
 Segment = Annotated[Cycles | Ramp | Hold | Trapezoid | Table, Field(discriminator="type")]
 
 
+def segments_of(program: Iterable[Segment], per_cycle: int = 2) -> list[segments.Segment]:
+    """Return the segments that sections describe, with so many steps in each cycle."""
+    return [section.segment(per_cycle) for section in program]
+
+
 def prescribe_forces(program: Iterable[Segment]) -> list[bool]:
     """Return of each segment whether it prescribes a force, which is conjugate to it."""
-    kinds = [False]
-    for segment in program:
-        match segment:
-            case Cycles(amplitudes=(Newtons(), *_)) | Ramp(to=Newtons()) | Hold(control="force"):
-                kinds.append(True)
-            case Hold(control=None):
-                kinds.append(kinds[-1])
-            case _:
-                kinds.append(isinstance(segment, Table) and segment.samples.force)
-    return kinds[1:]
+    return segments.prescribe_forces(segments_of(program))
 
 
-def reached(program: Sequence[Segment], start: float = 0.0) -> list[float]:
-    """Return displacements (m) that a program prescribes from a start, and turning points."""
-    values = [start]
-    for segment, force in zip(program, prescribe_forces(program), strict=True):
-        start = values[-1]
-        match segment:
-            case _ if force:
-                continue
-            case Cycles(amplitudes=amplitudes):
-                values += [*(start + amplitude for amplitude in amplitudes), start]
-            case Ramp(to=end):
-                values.append(end)
-            case Trapezoid(to=end):
-                values += [end, start]
-            case Table(samples=samples):
-                values += samples.values
-    return values
+def reached(program: Iterable[Segment]) -> list[float]:
+    """Return displacements (m) that a program prescribes, and turning points."""
+    return segments.reached(segments_of(program))
+
+
+def program_of_case(case: Case) -> Program:
+    """Return the load program of a case, with the second one if it has one."""
+    first, second, times = _plan(case)
+    return segments.program(*first, second=second, extra_times=times)
+
+
+def steps_of_case(case: Case) -> int:
+    """Return the number of planned steps of a case."""
+    return sum(piece.steps for piece in segments.pieces_of(*_plan(case))[0])
+
+
+def _plan(case: Case) -> tuple[list[segments.Segment], list[segments.Segment], tuple[float, ...]]:
+    first, *second = (segments_of(p, case.time.steps_per_cycle) for p in case.programs.values())
+    return first, second[0] if second else [], case.time.extra_times
 
 
 def joints(program: Sequence[Segment]) -> Iterator[Finding]:
@@ -369,18 +373,7 @@ def second(
 
 def planned_steps(program: Iterable[Segment], per_cycle: int) -> int:
     """Return the number of planned steps, with ``per_cycle`` steps in each cycle."""
-    return sum(_planned(segment, per_cycle) for segment in program)
-
-
-def _planned(segment: Segment, per_cycle: int) -> int:
-    match segment:
-        case Cycles(count=count):
-            return count * per_cycle
-        case Trapezoid(steps=steps, repeat=repeat, rest=rest):
-            return repeat * steps * (4 if rest else 3)
-        case Table(divisions=divisions):
-            return sum(divisions)
-    return segment.steps
+    return sum(segment.planned for segment in segments_of(program, per_cycle))
 
 
 def _without_brackets(segments: list[Any]) -> Any:

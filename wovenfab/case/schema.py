@@ -37,11 +37,11 @@ from wovenfab.case.quantities import (
     Size,
 )
 from wovenfab.forms.effect import Needs
+from wovenfab.sheet import probes
+from wovenfab.sheet.errors import LEAST_CROSSING
 
 STEP = (".step", ".stp")
 GEOMETRIES = (".geo", ".msh", *STEP)
-#: Smallest |sin| of the angle between the families.
-LEAST_CROSSING = 1e-3
 
 
 def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
@@ -287,6 +287,11 @@ class PointProbe(Section):
     at: Place = Field(examples=[["0.45 m", "0.15 m"]])
     """Reference position."""
 
+    @property
+    def probe(self) -> probes.Point:
+        """The probe."""
+        return probes.Point(self.at)
+
 
 class Extensometer(Section):
     """Gauge length between two points of the sheet and its strain, on every step."""
@@ -299,6 +304,11 @@ class Extensometer(Section):
 
     family: Family | None = None
     """The family that it is fixed to; to the mean of both unless given."""
+
+    @property
+    def probe(self) -> probes.Extensometer:
+        """The probe."""
+        return probes.Extensometer(self.ends, self.family)
 
 
 class Zone(Section):
@@ -315,6 +325,14 @@ class Zone(Section):
 
     radius: Size | None = None
     """Of the circle."""
+
+    @property
+    def probe(self) -> probes.Zone:
+        """The probe."""
+        if self.corners is not None:
+            return probes.rectangle_zone(*self.corners)
+        assert self.centre is not None and self.radius is not None
+        return probes.circle_zone(self.centre, self.radius)
 
     @model_validator(mode="after")
     def _one_shape(self) -> Zone:
@@ -339,6 +357,11 @@ class Line(Section):
     points: Samples = 101
     """Number of equidistant points."""
 
+    @property
+    def probe(self) -> probes.Line:
+        """The probe."""
+        return probes.Line(self.ends, self.points)
+
 
 class Yarn(Section):
     """All stored fields along a yarn, from edge to edge, whenever fields are stored."""
@@ -354,6 +377,11 @@ class Yarn(Section):
 
     points: Samples = 101
     """Number of equidistant points."""
+
+    @property
+    def probe(self) -> probes.Yarn:
+        """The probe."""
+        return probes.Yarn(self.family, self.through, self.points)
 
 
 Probe = Annotated[PointProbe | Extensometer | Zone | Line | Yarn, Field(discriminator="type")]
@@ -394,8 +422,3 @@ class Output(Section):
     def lines(self) -> Mapping[str, Line | Yarn]:
         """The probes that are written wherever fields are stored."""
         return {n: p for n, p in self.probes.items() if isinstance(p, Line | Yarn)}
-
-    @property
-    def gauges(self) -> Mapping[str, PointProbe | Extensometer | Zone]:
-        """The probes that are written on every step."""
-        return {n: p for n, p in self.probes.items() if not isinstance(p, Line | Yarn)}

@@ -120,7 +120,6 @@ app = typer.Typer(
     "[bold]wovenfab run configs/bias-1x3.yaml[/bold]. On several processors: "
     "[bold]mpirun -n 2 wovenfab run …[/bold]. Results open in ParaView (fields.xdmf).",
     rich_markup_mode="rich",
-    no_args_is_help=True,
     add_completion=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -477,5 +476,6 @@ def guarded(command: Callable[[], None]) -> None:
 
 
 def main() -> None:
-    """Run ``wovenfab``."""
-    guarded(lambda: app(prog_name="wovenfab"))
+    """Run ``wovenfab``; without a word it prints its help."""
+    # Click's own no_args_is_help takes "[x", a word that begins with a sign, for no word at all.
+    guarded(lambda: app(sys.argv[1:] or ["--help"], prog_name="wovenfab"))

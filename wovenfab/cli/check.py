@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.document import FROM
 from wovenfab.case.effects import acting
+from wovenfab.case.program import steps_of_case
 from wovenfab.case.quantities import Json
 from wovenfab.cli.console import Console
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Needs, Parameter
 from wovenfab.simulation.progress import memory
-from wovenfab.stepping.program import planned_steps
 
 if TYPE_CHECKING:
     from wovenfab.sheet.sheet import Outline, Sheet
@@ -37,8 +37,8 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         console.say(f"runs the geometry program {case.sheet.file.name}")
     from mpi4py import MPI
 
-    from wovenfab.simulation.from_case import estimated_unknowns, sheet_of
-    from wovenfab.simulation.progress import require_memory
+    from wovenfab.case.limits import require_memory
+    from wovenfab.case.objects import estimated_unknowns, sheet_of
 
     comm = MPI.COMM_WORLD
     unknowns = estimated_unknowns(case, comm)
@@ -55,8 +55,8 @@ def edges_of(case: Case) -> list[str]:
     """Return in words the edges of a geometry from a file, with their lengths and places."""
     if isinstance(case.sheet, Rectangle):
         return []
+    from wovenfab.case.objects import geometry_of, geometry_problems, require_edges
     from wovenfab.sheet.geometry_file import edge_lines, read_geometry
-    from wovenfab.simulation.from_case import geometry_of, geometry_problems, require_edges
 
     size = case.discretisation.mesh_size
     with geometry_problems(case):
@@ -101,7 +101,7 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
         f"{case.name}: {case.title}" if case.title else case.name,
         f"effects: {', '.join(present)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {count} unknowns, "
-        f"{planned_steps(case)} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
+        f"{steps_of_case(case)} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
         *(f"{name} has a value of zero and changes nothing: leave it out" for name in inert),
         *_time_for_accuracy(case),
         *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),

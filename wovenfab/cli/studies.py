@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wovenfab.case import CaseError, read_case, refusal
+from wovenfab.case.program import program_of_case
 from wovenfab.cli.console import (
     BAD_INPUT,
     FAILED_STEP,
@@ -21,7 +22,6 @@ from wovenfab.cli.console import (
 )
 from wovenfab.record.results import write_csv
 from wovenfab.simulation.progress import Progress
-from wovenfab.stepping.program import program_of_case
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file

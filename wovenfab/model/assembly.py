@@ -10,11 +10,12 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import inspect
+import logging
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from functools import cache, partial
+from contextlib import AbstractContextManager, nullcontext, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -23,26 +24,36 @@ import ufl
 from cffi import VerificationError
 from dolfinx import default_scalar_type, fem
 from dolfinx.fem import petsc as fem_petsc
-from dolfinx.jit import DOLFINX_DEFAULT_JIT_OPTIONS, ffcx_jit
-from ffcx.options import FFCX_DEFAULT_OPTIONS
+from dolfinx.jit import ffcx_jit
 from mpi4py import MPI
 from numpy.typing import NDArray
 from petsc4py import PETSc
 from scipy import sparse
 from ufl.domain import extract_unique_domain
 
-from wovenfab.compat import column_map
-from wovenfab.lacking import LackingError, require_compiler
-from wovenfab.model import kernels
+from wovenfab.compat import column_map, is_compared
+from wovenfab.lacking import require_compiler
 from wovenfab.parallel import each_its_own, lock
 
-#: A sum of compiled forms; the first one lives on the space of all placements.
-Sum = tuple[fem.Form, ...]
+logger = logging.getLogger(__name__)
+if is_compared():
+    from wovenfab.model import kernels
+
+    #: Lets FFCx write kernels in another way, and what that way is known by.
+    writing: Callable[[], AbstractContextManager[None]] = kernels.own_kernels
+    way = inspect.getsource(kernels)
+else:
+    logger.warning("FFCx writes all kernels itself, since this version was not compared: slower")
+    writing, way = nullcontext, "FFCx"
+#: A sum of compiled forms by the names of its parts.
+Sum = Mapping[str, fem.Form]
+#: The part that lives on the space of all placements: what is inside the sheet, and loads.
+SHEET = "sheet"
 
 
 def assemble_scalar(forms: Sum, comm: MPI.Comm) -> float:
     """Return the value of a sum of scalar forms over all ranks; collective."""
-    mine = sum(fem.assemble_scalar(form) for form in forms)
+    mine = sum(fem.assemble_scalar(form) for form in forms.values())
     return float(comm.allreduce(mine, op=MPI.SUM))
 
 
@@ -50,14 +61,14 @@ def assemble_vector(vector: Any, forms: Sum) -> None:
     """Overwrite a ghosted vector with a sum of linear forms; ghosts are not yet added."""
     with vector.localForm() as local:
         local.set(0.0)
-    for form in forms:
+    for form in forms.values():
         fem_petsc.assemble_vector(vector, form)
 
 
 def assemble_matrix(matrix: Any, forms: Sum, bcs: Sequence[fem.DirichletBC] = ()) -> None:
     """Overwrite a matrix with a sum of bilinear forms; identity where prescribed; collective."""
     matrix.zeroEntries()
-    for form in forms:
+    for form in forms.values():
         fem_petsc.assemble_matrix(matrix, form, list(bcs))
         # Rows of the identity are set; PETSc must flush before more values are added.
         matrix.assemble(PETSc.Mat.AssemblyType.FLUSH)
@@ -72,17 +83,15 @@ def create_matrix(forms: Sum, upper: bool = False) -> Any:
         upper: Store the upper half in blocks of x and y, as a Cholesky factorisation takes
             it; putting entries in costs half as much. Otherwise any solver takes it.
     """
-    unknowns = forms[0].function_spaces[0].dofmap
-    entries = _entries(forms[0])
-    for form in forms[1:]:
-        entries = entries + _entries(form)
+    unknowns = forms[SHEET].function_spaces[0].dofmap
+    entries = sum(_entries(form) for form in forms.values())
     block, first = unknowns.index_map_bs, unknowns.index_map.local_range[0]
     if upper:
         entries = sparse.csr_array(sparse.triu(entries, first))
     else:
         entries = sparse.csr_array(sparse.kron(entries, np.ones((block, block), dtype=np.int8)))
     entries.sort_indices()
-    usual = fem_petsc.create_matrix(forms[0])
+    usual = fem_petsc.create_matrix(forms[SHEET])
     matrix = PETSc.Mat().create(usual.comm)
     matrix.setSizes(usual.getSizes(), bsize=block)
     matrix.setType("sbaij" if upper else "aij")
@@ -119,22 +128,9 @@ def cache_folder() -> Path:
 
     Code made for one processor may not run on another that shares the home folder.
     """
-    base = os.environ.get("XDG_CACHE_HOME")
-    if not base:
-        try:
-            base = str(Path.home() / ".cache")
-        except RuntimeError as error:
-            message = (
-                "there is no home folder to keep compiled forms in: set HOME or XDG_CACHE_HOME"
-            )
-            raise LackingError(message) from error
-    kind = hashlib.sha256(f"{_processor()} {_own_code()}".encode()).hexdigest()[:10]
+    base = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    kind = hashlib.sha256(f"{_processor()} {way}".encode()).hexdigest()[:10]
     return Path(base) / "wovenfab" / "kernels" / kind
-
-
-@cache
-def _own_code() -> str:
-    return inspect.getsource(kernels)
 
 
 def _processor() -> str:
@@ -153,28 +149,20 @@ PATIENCE = 10
 
 
 def jit_options() -> dict[str, Any]:
-    """Return all options of dolfinx's just-in-time compiler.
-
-    None is left to dolfinx_jit_options.json, which may lie in the current folder.
-    """
-    defaults = {name: value for name, (value, _) in DOLFINX_DEFAULT_JIT_OPTIONS.items()}
+    """Return the options of dolfinx's just-in-time compiler that are not its defaults."""
     return {
-        **defaults,
         "cffi_extra_compile_args": list(FLAGS),
         "cache_dir": str(cache_folder()),
         "timeout": PATIENCE,
     }
 
 
-def form_options() -> dict[str, Any]:
-    """Return all options of FFCx; none is left to ffcx_options.json in the current folder."""
-    defaults = {name: value for name, (_, value, *_) in FFCX_DEFAULT_OPTIONS.items()}
-    return {**defaults, "scalar_type": default_scalar_type}
-
-
 def _options() -> dict[str, Any]:
     """Return the arguments of dolfinx's functions that compile."""
-    return {"form_compiler_options": form_options(), "jit_options": jit_options()}
+    return {
+        "form_compiler_options": {"scalar_type": default_scalar_type},
+        "jit_options": jit_options(),
+    }
 
 
 def _compiled[T](compile_it: Callable[[], T]) -> T:
@@ -195,7 +183,7 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                     _remove_unfinished(folder)
             lock(users, fcntl.LOCK_SH)
             try:
-                with kernels.own_kernels():
+                with writing():
                     return compile_it()
             except TimeoutError:
                 pass
@@ -227,7 +215,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
 
     def compile_share() -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
-            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, form_options(), jit_options()))
+            _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, **_options()))
 
     each_its_own(comm, compile_share)
 
@@ -274,10 +262,11 @@ def compile_form(form: Any) -> fem.Form:
     return compile_forms([form], form.ufl_domain().ufl_cargo().comm)[0]
 
 
-def compile_sums(sums: Mapping[str, Sequence[Any]], comm: MPI.Comm) -> dict[str, Sum]:
-    """Return sums of forms compiled under their names; collective."""
-    compiled = iter(compile_forms([form for forms in sums.values() for form in forms], comm))
-    return {name: tuple(next(compiled) for _ in forms) for name, forms in sums.items()}
+def compile_sums(sums: Mapping[str, Mapping[str, Any]], comm: MPI.Comm) -> dict[str, Sum]:
+    """Return sums of forms compiled under their names and those of their parts; collective."""
+    every = [form for parts in sums.values() for form in parts.values()]
+    compiled = iter(compile_forms(every, comm))
+    return {name: {part: next(compiled) for part in parts} for name, parts in sums.items()}
 
 
 def compile_expression(expression: Any, points: NDArray[np.float64]) -> fem.Expression:

@@ -1,11 +1,12 @@
 """Dead loads: forces per length of an edge that keep their direction as the sheet deforms.
 
-Held placements: which unknowns each edge prescribes, and the forces there.
+Held placements: which unknowns each edge prescribes, and the forces there. Conditions are made by
+:func:`clamp`, :func:`move` and :func:`load`, or from Dirichlet conditions of dolfinx.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -25,14 +26,16 @@ from wovenfab.model.corners import Claim, corner_shares
 from wovenfab.model.spaces import Placements
 from wovenfab.sheet.sheet import Sheet
 
+Array = NDArray[np.float64]
 #: Imaginary change of the program, m: the derivative is exact to rounding whatever its size.
 #: Source: Squire and Trapp, Using complex variables to estimate derivatives of real functions
 #: (1998), doi:10.1137/S003614459631241X.
 COMPLEX_STEP = 1e-40
 #: Rounding error of displacements over the largest one.
 ROUNDING = 1e-12
-#: A component of a load: a number, or a function of position and programs (UFL in and out).
-Force = float | Callable[[Any, Any, Any], Any]
+#: A component of a load: a number, a UFL expression, or a function of position and programs (UFL in
+#: and out).
+Force = Any
 
 
 @dataclass(frozen=True)
@@ -108,12 +111,18 @@ def dead_loads_on(
     at = ufl.variable(program)
 
     def component(force: Force) -> Any:
+        if isinstance(force, ufl.core.expr.Expr):
+            return share * force
         if callable(force):
             return share * force(position, at, second)
         return share * fem.Constant(mesh, np.float64(force))
 
     def changed(load: EdgeLoad) -> Any:
-        rates = (ufl.diff(component(f), at) if callable(f) else 0 for f in load.force)
+        follows = (callable(f) and not isinstance(f, ufl.core.expr.Expr) for f in load.force)
+        rates = (
+            ufl.diff(component(f), at) if moves else 0
+            for f, moves in zip(load.force, follows, strict=True)
+        )
         return apply_derivatives(ufl.as_vector(list(rates)))
 
     def symbol(load: EdgeLoad, vector: Any) -> Load:
@@ -131,9 +140,6 @@ def dead_loads_on(
     form, change = (next(compiled) if work else None for work in works)
     own = space.dofmap.index_map.size_local * space.dofmap.index_map_bs
     return DeadLoads(program, second, share, symbols, form, change, own)
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -158,6 +164,17 @@ class Held:
         """Whether the program moves it."""
         return self.driven if self.field else self.factor != 0
 
+    def __rmul__(self, factor: float) -> Held:
+        """Return a multiple of the displacement."""
+        if self.field is None:
+            return Held(factor * self.factor, factor * self.offset)
+        own = self.field
+        return Held(field=lambda *at: factor * own(*at), driven=self.driven)
+
+    def __neg__(self) -> Held:
+        """Return the opposite displacement."""
+        return -1.0 * self
+
     def at(self, positions: Array, program: complex, second: complex = 0.0) -> Array:
         """Return the displacement (m) at reference positions, shape (n, 2 or 3)."""
         x, y = positions[:, 0], positions[:, 1]
@@ -178,11 +195,95 @@ class Grip:
         edge: Name of the edge.
         components: For x and y how it is held, or None where it is free.
         families: 0, 1 or both.
+        rotation: Whether the yarn directions there are held as they were at rest.
     """
 
     edge: str
-    components: tuple[Held | None, Held | None]
+    components: tuple[Held | None, Held | None] = (None, None)
     families: tuple[int, ...] = (0, 1)
+    rotation: bool = False
+
+
+#: What may be prescribed on an edge.
+Condition = Grip | EdgeLoad
+#: The displacement (m) of the program itself.
+PROGRAM = Held(1.0)
+#: A prescribed displacement: a number (m), a multiple of the program, a function of x, y (m) and
+#: both programs (m), or None where the edge is free.
+Displacement = float | Held | Callable[[Array, Array, complex, complex], Array] | None
+
+
+def clamp(edge: str, rotation: bool = False, families: Sequence[int] = (1, 2)) -> Grip:
+    """Return the condition that an edge does not move.
+
+    Args:
+        edge: Name of the edge.
+        rotation: Whether the yarn directions there are held, too.
+        families: Families 1, 2 or both.
+    """
+    return move(edge, (0.0, 0.0), rotation, families)
+
+
+def move(
+    edge: str,
+    displacement: tuple[Displacement, Displacement],
+    rotation: bool = False,
+    families: Sequence[int] = (1, 2),
+) -> Grip:
+    """Return the condition that an edge is moved.
+
+    Args:
+        edge: Name of the edge.
+        displacement: Along x and y: a number (m), ``PROGRAM`` or a multiple of it, a function of
+            x, y (m) and both programs (m, complex: it must be analytic), or None for free.
+        rotation: Whether the yarn directions there are held, too.
+        families: Families 1, 2 or both.
+    """
+    x, y = map(_held, displacement)
+    return Grip(edge, (x, y), _numbers(families), rotation)
+
+
+def load(edge: str, force: tuple[Force, Force], families: Sequence[int] = (1, 2)) -> EdgeLoad:
+    """Return the condition that a dead force acts on an edge.
+
+    Args:
+        edge: Name of the edge.
+        force: Along x and y per length at rest (N/m): numbers, UFL expressions, or functions of
+            position and programs (UFL in and out).
+        families: Families 1, 2 or both, which then share it.
+    """
+    return EdgeLoad(edge, _numbers(families), force)
+
+
+def _held(displacement: Displacement) -> Held | None:
+    if displacement is None or isinstance(displacement, Held):
+        return displacement
+    return Held(field=displacement) if callable(displacement) else Held(offset=displacement)
+
+
+def _numbers(families: Sequence[int]) -> tuple[int, ...]:
+    """Return families as they are counted from 0."""
+    if not families or set(families) - {1, 2}:
+        raise ValueError(f"families are 1, 2 or both, not {families}")
+    return tuple(family - 1 for family in families)
+
+
+class _Given:
+    """Displacements of a Dirichlet condition of dolfinx, whose values may change in time."""
+
+    moves = False
+
+    def __init__(self, bc: fem.DirichletBC, dofs: NDArray[np.int32], size: int) -> None:
+        self._bc, self._dofs, self._values = bc, dofs, np.zeros(size)
+
+    def at(self, positions: Array, program: complex, second: complex = 0.0) -> Array:
+        """Return the displacement (m) at the unknowns, which are not at new positions."""
+        self._bc.set(self._values)
+        return self._values[self._dofs]
+
+    def rate(self, positions: Array, program: float, second: float = 0.0) -> Array:
+        """Return the change with the program: none."""
+        return np.zeros(len(self._dofs))
 
 
 @dataclass(frozen=True)
@@ -197,7 +298,7 @@ class _Part:
 
     edge: str
     component: int
-    held: Held
+    held: Held | _Given
     dofs: NDArray[np.int32]
     owned: NDArray[np.int32]
     positions: Array
@@ -219,22 +320,31 @@ class Constraints:
         second: Value of the second program, m.
     """
 
-    def __init__(self, placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> None:
-        """Find the unknowns that each grip holds.
+    def __init__(
+        self,
+        placements: Placements,
+        sheet: Sheet,
+        grips: Sequence[Grip],
+        given: Mapping[str, fem.DirichletBC] | None = None,
+    ) -> None:
+        """Find the unknowns that each grip holds; collective.
 
         Args:
             placements: The unknowns.
             sheet: The sheet with its named edges.
             grips: How edges are held.
+            given: Dirichlet conditions of dolfinx for the space of both placements, or of one, by
+                names under which their reactions are recorded. Unknowns that grips hold stay
+                theirs.
         """
         self._comm = sheet.mesh.comm
-        self.edges = tuple(dict.fromkeys(grip.edge for grip in grips))
+        self.edges = tuple(dict.fromkeys([*(grip.edge for grip in grips), *(given or ())]))
         self._values = fem.Function(placements.space)
         self.origin = np.zeros(self._values.x.array.size)
         self.second = 0.0
-        self._parts = _parts(placements, sheet, grips)
-        held = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
-        dofs = np.sort(np.concatenate(held))
+        self._parts = _parts(placements, sheet, grips, given or {})
+        every = [part.dofs for part in self._parts] or [np.array([], dtype=np.int32)]
+        dofs = np.sort(np.concatenate(every))
         self.bcs = [
             fem.dirichletbc(fem.Function(space, self._values.x), [dofs, dofs], space)
             for space in placements.spaces
@@ -403,8 +513,13 @@ def _claims(placements: Placements, grips: Sequence[Grip]) -> list[Claim]:
     ]
 
 
-def _parts(placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> list[_Part]:
-    """Return what each grip holds, each unknown in one part only; collective."""
+def _parts(
+    placements: Placements,
+    sheet: Sheet,
+    grips: Sequence[Grip],
+    given: Mapping[str, fem.DirichletBC],
+) -> list[_Part]:
+    """Return what each condition holds, each unknown in one part only; collective."""
     taken = np.zeros(2 * len(placements.positions), dtype=bool)
     parts = []
     for grip in grips:
@@ -422,4 +537,12 @@ def _parts(placements: Placements, sheet: Sheet, grips: Sequence[Grip]) -> list[
                 taken[dofs] = True
                 owned = dofs[dofs < placements.owned]
                 parts.append(_Part(grip.edge, component, held, dofs, owned, positions))
+    for name, bc in given.items():
+        prescribed = np.asarray(bc.dof_indices()[0], dtype=np.int32)
+        for component in (0, 1):
+            dofs = prescribed[(prescribed % 2 == component) & ~taken[prescribed]]
+            taken[dofs] = True
+            positions, owned = placements.positions[dofs // 2], dofs[dofs < placements.owned]
+            values = _Given(bc, dofs, taken.size)
+            parts.append(_Part(name, component, values, dofs, owned, positions))
     return parts

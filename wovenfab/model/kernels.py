@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import gc
 import importlib
-import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from itertools import count, product
 from typing import Any
 
+import dolfinx.jit
+import ffcx.options
 import numpy as np
 import ufl
 from ffcx.codegeneration import lnodes
@@ -29,14 +30,18 @@ from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, ReferenceGra
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
-from wovenfab.compat import FFCX_KERNELS, rule_of
+from wovenfab.compat import rule_of
 from wovenfab.forms.kinematics import cross
 
+try:
+    from ffcx.codegeneration.C import integral as _integrals
+except ImportError:  # 0.9
+    from ffcx.codegeneration.C import integrals as _integrals
+
+#: The module that writes the C code of integrals.
+FFCX_KERNELS: Any = _integrals
 #: UFL's module of that name, which its function of that name hides.
 _ANALYSIS = importlib.import_module("ufl.algorithms.compute_form_data")
-
-#: Plugins of all packages: setuptools reads their files six times for each kernel.
-_PLUGINS = cache(importlib.metadata.entry_points)
 
 #: Doubles that a processor multiplies at once, at least.
 LANES = 4
@@ -378,9 +383,18 @@ def _symbols_of(numbering: Any, expression: Any) -> Any:
     return numbering.V_symbols[numbering.G.e2i[expression]]
 
 
+def _no_files() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the options of the user's and of the current folder's file: none."""
+    return {}, {}
+
+
 @contextmanager
 def own_kernels() -> Iterator[None]:
-    """Let FFCx write kernels this way, one form at a time."""
+    """Let FFCx write kernels this way, one form at a time.
+
+    Files of options (``ffcx_options.json``, ``dolfinx_jit_options.json``) are not read: those in
+    the current folder may have come with a case, and any of them may be damaged.
+    """
     writer, collects = Writer(), gc.isenabled()
     lower = partial(writer.lower, _ANALYSIS.apply_algebra_lowering)
     gradient = partial(writer.gradient, apply_derivatives.grad_to_reference_grad)
@@ -389,7 +403,8 @@ def own_kernels() -> Iterator[None]:
         replaced(apply_derivatives, "grad_to_reference_grad", gradient),
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
-        replaced(importlib.metadata, "entry_points", _PLUGINS),
+        replaced(ffcx.options, "_load_options", _no_files),
+        replaced(dolfinx.jit, "_load_options", _no_files),
     ):
         # UFL makes many small objects that stay: looking for garbage among them takes a third.
         gc.disable()

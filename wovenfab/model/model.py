@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -19,18 +19,19 @@ from mpi4py import MPI
 
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
-from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
-from wovenfab.model.constraints import DeadLoads, EdgeLoad, dead_loads_on
+from wovenfab.forms.friction import PointFriction, components_of
+from wovenfab.forms.kinematics import displacements
+from wovenfab.model.assembly import SHEET, Sum, assemble_scalar, compile_sums
+from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
 
-if TYPE_CHECKING:
-    from wovenfab.forms.friction import PointFriction
-
-
-#: A parameter: a number, or a function of the reference position (UFL in and out).
-Value = float | Callable[[Any], Any]
+#: A parameter: a number, a UFL expression such as a fem.Constant or fem.Function, or a function of
+#: the reference position (UFL in and out).
+Value = Any
+#: A further potential (J): a functional in UFL of the displacements of both families (m).
+Potential = Callable[[tuple[Any, Any]], Any]
 #: The name under which dead loads stand beside the effects in :attr:`Model.weights`.
 LOAD = "dead load"
 
@@ -40,19 +41,19 @@ class Numerics:
     """Choices of discretisation.
 
     Attributes:
-        degree: Degree of the Lagrange elements.
+        degree: Degree of the Lagrange elements, 1 to 5.
         quadrature: Quadrature degree; None for twice the element degree.
         penalty: sigma of the interior penalty; None for the automatic local value.
-        history: Earlier states that the time scheme's rates use (0 without a rate).
+        history: Earlier states that rates may use: as many as the time scheme, or more.
         mixed: Use the mixed-integration-point tangent.
         friction: Quadrature degree of set-valued friction; None for the finest rule by which
             the stress of yarns that stick is unique.
     """
 
-    degree: int
+    degree: int = 3
     quadrature: int | None = None
     penalty: float | None = None
-    history: int = 1
+    history: int = 2
     mixed: bool = True
     friction: int | None = None
 
@@ -64,6 +65,8 @@ class Model:
     Attributes:
         sheet: The meshed sheet.
         effects: The effects of the scene.
+        potentials: Names of the further potentials.
+        grips: How edges are held.
         numerics: The discretisation.
         placements: The unknowns: one placement, or two that may jump.
         field: Present displacement, m.
@@ -83,10 +86,15 @@ class Model:
         loss: Compiled forms of the energy that is lost in a step and depends on no rate: by
             set-valued laws, and by stored energies whose internal variables change.
         memory: The internal variables; None without any.
+        forms: The forms in UFL by the names of these attributes (``"residual"``) and of their
+            parts. Those of a family live on its own space (``placements.families``), whose
+            unknowns have the same numbers; with one placement all live on ``space``.
     """
 
     sheet: Sheet
     effects: tuple[Effect, ...]
+    potentials: tuple[str, ...]
+    grips: tuple[Grip, ...]
     numerics: Numerics
     placements: Placements
     field: fem.Function
@@ -106,6 +114,7 @@ class Model:
     weights: Mapping[str, fem.Constant]
     point_frictions: tuple[PointFriction, ...]
     memory: Memory | None
+    forms: Mapping[str, Mapping[str, Any]]
 
     @property
     def comm(self) -> MPI.Comm:
@@ -126,7 +135,7 @@ class Model:
     @property
     def facet_integrals(self) -> int:
         """Number of compiled integrals over interior facets, all forms together."""
-        forms = (*self.jacobian, *self.residual, *self.potential)
+        forms = [f for s in (self.jacobian, self.residual, self.potential) for f in s.values()]
         kinds = [kind for form in forms for kind in form.integral_types]
         return kinds.count(IntegralType.interior_facet)
 
@@ -140,9 +149,19 @@ class Model:
                 result[name] = assemble_scalar(forms, self.comm)
         return result
 
+    @property
+    def storing(self) -> tuple[str, ...]:
+        """Names of the effects that store energy, and of the further potentials."""
+        return (*(e.name for e in self.effects if not e.dissipative), *self.potentials)
+
+    @property
+    def losing(self) -> tuple[str, ...]:
+        """Names of the effects that lose energy."""
+        return tuple(e.name for e in self.effects if e.loses)
+
     def stored_energy(self) -> dict[str, float]:
         """Return the stored energy (J) by effect."""
-        return self.shares(self.potential, [e.name for e in self.effects if not e.dissipative])
+        return self.shares(self.potential, self.storing)
 
     def dissipated_power(self) -> dict[str, float]:
         """Return the dissipated power (W) of each effect that depends on a rate."""
@@ -168,22 +187,34 @@ def preserved(*items: fem.Function | fem.Constant) -> Iterator[None]:
 
 def build_model(
     sheet: Sheet,
-    effects: Sequence[Effect],
-    values: Mapping[str, Mapping[str, Value | tuple[Value, Value]]],
-    numerics: Numerics,
-    rotation_edges: tuple[Sequence[str], Sequence[str]] = ((), ()),
-    loads: Sequence[EdgeLoad] = (),
+    terms: Sequence[Term],
+    conditions: Sequence[Condition] = (),
+    numerics: Numerics | None = None,
+    potentials: Mapping[str, Potential] | None = None,
 ) -> Model:
-    """Build and compile the model of a scene.
+    """Build and compile the model of a scene; collective.
 
     Args:
         sheet: The meshed sheet.
-        effects: Effects of the scene.
-        values: Parameter values in SI units by effect and parameter name.
+        terms: Effects with their parameters, such as ``shear(400.0)``, each effect once.
+        conditions: How edges are held, and dead loads on them.
         numerics: Discretisation.
-        rotation_edges: For each family, the edges that hold its yarn directions.
-        loads: Dead loads on edges.
+        potentials: Further potentials by names that no effect has.
+
+    Raises:
+        ValueError: There is no effect, one twice, or an edge that the sheet has not got.
     """
+    names = [*(t.effect.name for t in terms), *(potentials or {})]
+    if not terms or len({*names, LOAD}) <= len(names):
+        raise ValueError(f"a model has some effects and potentials, each once, not {names}")
+    if unknown := [c.edge for c in conditions if c.edge not in sheet.edges]:
+        raise ValueError(f"the sheet has no edge {unknown[0]!r}, but {', '.join(sheet.edges)}")
+    numerics, effects = numerics or Numerics(), [t.effect for t in terms]
+    grips = tuple(c for c in conditions if isinstance(c, Grip))
+    rotations = [
+        [g.edge for g in grips if g.rotation and family in g.families] for family in (0, 1)
+    ]
+    loads = [c for c in conditions if isinstance(c, EdgeLoad)]
     mesh = sheet.mesh
     count = max(e.needs.placements for e in effects)
     placements = placements_on(mesh, numerics.degree, count, sheet.jumps)
@@ -193,7 +224,7 @@ def build_model(
     kept = numerics.history if remembered else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
-    terms = tuple(Term(e, _symbols(mesh, values[e.name]), _constant(mesh, 1.0)) for e in effects)
+    terms = tuple(Term(t.effect, _symbols(mesh, t.values), _constant(mesh, 1.0)) for t in terms)
     quadrature = numerics.quadrature or 2 * numerics.degree
     degree = numerics.friction or finest_rule(numerics.degree)
     variables = {
@@ -205,6 +236,10 @@ def build_model(
     on_edges = partial(_measure, mesh, sheet)
     load_weight, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(3))
     loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
+    further = {
+        name: (_constant(mesh, 1.0), potential(displacements(field)))
+        for name, potential in (potentials or {}).items()
+    }
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
         fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
@@ -214,20 +249,25 @@ def build_model(
         quadrature=quadrature,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
         facets=(crossed_facets(mesh, sheet.fibres[0]), crossed_facets(mesh, sheet.fibres[1])),
-        held_edges=(on_edges(rotation_edges[0]), on_edges(rotation_edges[1])),
+        held_edges=(on_edges(rotations[0]), on_edges(rotations[1])),
         loads=loading.loads,
         load_weight=load_weight,
         geometric_weight=geometric_weight,
+        potentials=tuple(further.values()),
     )
     memory = Memory(list(variables.values()), balance) if variables else None
     frictions = tuple(
         point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
-    sums["loss"] += [memory.released(t) for t in terms if memory and t.effect.releases]
+    if memory:
+        released = {t.effect.name: memory.released(t) for t in terms if t.effect.releases}
+        sums["loss"] = {**sums["loss"], **released}
     return Model(
         sheet=sheet,
         effects=tuple(effects),
+        potentials=tuple(further),
+        grips=grips,
         numerics=numerics,
         placements=placements,
         field=field,
@@ -238,36 +278,44 @@ def build_model(
         geometric_weight=geometric_weight,
         loading=loading,
         balance=balance,
-        weights={**{t.effect.name: t.weight for t in terms}, LOAD: load_weight},
+        weights={
+            **{t.effect.name: t.weight for t in terms},
+            **{name: weight for name, (weight, _) in further.items()},
+            LOAD: load_weight,
+        },
         point_frictions=frictions,
         memory=memory,
+        forms=sums,
         **compile_sums(sums, mesh.comm),
     )
 
 
 def _sums_of(
     balance: Balance, placements: Placements, last: Any, frictions: Sequence[PointFriction]
-) -> dict[str, list[Any]]:
-    """Return the forms by the names of a model's attributes: inside the sheet, on its lines.
+) -> dict[str, dict[str, Any]]:
+    """Return the forms by the names of a model's attributes, and of their parts.
 
-    The lines of both families have the same kernels where they are made alike.
+    Parts are what is inside the sheet, what is on lines that the yarns of a family cross, and
+    each point friction. The lines of both families have the same kernels where they are made
+    alike.
     """
     trial, test = ufl.TrialFunction(placements.space), ufl.TestFunction(placements.space)
     power = balance.power()
     sums = {
-        "jacobian": [balance.jacobian(trial, test, last)],
-        "residual": [balance.residual(test)],
-        "potential": [balance.potential()],
-        "power": [] if power is None else [power],
+        "jacobian": {SHEET: balance.jacobian(trial, test, last)},
+        "residual": {SHEET: balance.residual(test)},
+        "potential": {SHEET: balance.potential()},
+        "power": {} if power is None else {SHEET: power},
     }
     for family, space in enumerate(placements.families):
         trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
         if lines := balance.lines(family, fem.Function(space, balance.field.x)):
-            sums["jacobian"].append(sum(line.jacobian(trial, test) for line in lines))
-            sums["residual"].append(sum(line.residual(test) for line in lines))
-            sums["potential"].append(sum(line.potential() for line in lines))
+            part = f"family {family + 1}"
+            sums["jacobian"][part] = sum(line.jacobian(trial, test) for line in lines)
+            sums["residual"][part] = sum(line.residual(test) for line in lines)
+            sums["potential"][part] = sum(line.potential() for line in lines)
     more = point_friction_forms(frictions, placements.space)
-    return {name: [*sums.get(name, ()), *more.get(name, ())] for name in {**sums, **more}}
+    return {name: {**sums.get(name, {}), **more.get(name, {})} for name in {**sums, **more}}
 
 
 def _constant(mesh: Any, value: Any) -> fem.Constant:
@@ -284,6 +332,8 @@ def _measure(mesh: Any, sheet: Sheet, edges: Sequence[str]) -> Any | None:
 
 def _symbol(mesh: Any, value: Value) -> Any:
     """Return a number as a constant of the forms, or a field as its expression."""
+    if isinstance(value, ufl.core.expr.Expr):
+        return value
     return value(ufl.SpatialCoordinate(mesh)) if callable(value) else _constant(mesh, value)
 
 
@@ -298,22 +348,21 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
 
 def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
     """Return a bounded friction with its stress at the points of a quadrature rule."""
-    from wovenfab.forms.friction import PointFriction, components_of
-
     size = components_of(term, balance)
-    stress, tangent = (point_function(mesh, size, degree) for _ in "12")
+    stress, tangent = (point_function(mesh, size, degree) for _ in range(2))
     return PointFriction(term, balance, stress, tangent, degree)
 
 
 def point_friction_forms(
     frictions: Sequence[PointFriction], space: fem.FunctionSpace
-) -> dict[str, list[Any]]:
+) -> dict[str, dict[str, Any]]:
     """Return what point frictions add to a model: forms in UFL by the model's attributes."""
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
+    named = {f.term.effect.name: f for f in frictions}
     return {
-        "jacobian": [f.jacobian(trial, test) for f in frictions],
-        "friction_force": [f.residual(test) for f in frictions],
-        "loss": [f.loss() for f in frictions if f.term.effect.set_valued],
+        "jacobian": {name: f.jacobian(trial, test) for name, f in named.items()},
+        "friction_force": {name: f.residual(test) for name, f in named.items()},
+        "loss": {name: f.loss() for name, f in named.items() if f.term.effect.set_valued},
     }
 
 
@@ -332,16 +381,12 @@ def with_point_friction(model: Model) -> Model:
     ]
     trial, test = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
     last = model.last if model.numerics.mixed else None
-    inside = {"jacobian": balance.jacobian(trial, test, last), "residual": balance.residual(test)}
     added = point_friction_forms(more, model.space)
-    compiled = compile_sums(
-        {**added, **{f"inside {k}": [f] for k, f in inside.items()}}, model.comm
-    )
-    # The first form of each sum is of what is inside the sheet; those on lines stay.
-    return replace(
-        model,
-        point_frictions=(*model.point_frictions, *more),
-        jacobian=(*compiled["inside jacobian"], *model.jacobian[1:], *compiled["jacobian"]),
-        residual=(*compiled["inside residual"], *model.residual[1:]),
-        friction_force=(*model.friction_force, *compiled["friction_force"]),
-    )
+    changed = {
+        "jacobian": {SHEET: balance.jacobian(trial, test, last), **added["jacobian"]},
+        "residual": {SHEET: balance.residual(test)},
+        "friction_force": added["friction_force"],
+    }
+    compiled = compile_sums(changed, model.comm)
+    sums: dict[str, Any] = {name: {**getattr(model, name), **compiled[name]} for name in changed}
+    return replace(model, point_frictions=(*model.point_frictions, *more), **sums)

@@ -333,6 +333,10 @@ def values_of(file: h5py.File, name: str) -> NDArray[Any]:
     path = Path(file.filename)
     if not isinstance(data, h5py.Dataset) or data.dtype.kind not in "iuf":
         raise damaged(path, f"{name} has no numbers")
+    # HDF5 can take numbers from any file of the machine: an export would pass them on
+    here = Path(data.file.filename).resolve().is_relative_to(path.resolve().parent)
+    if not here or data.external or data.is_virtual:
+        raise damaged(path, f"{name} is in a file elsewhere")
     # a damaged head may claim any size: deflate shrinks a thousandfold at most
     if data.nbytes > _DEFLATED * data.id.get_storage_size() + _DEFLATED:
         raise damaged(path, f"{name} is not whole")
@@ -421,8 +425,7 @@ def _checkpoint(state: str, arrays: Mapping[str, NDArray[np.float64]]) -> Checkp
         program = arrays[PROGRAM]
         run = checkpoint.values.get("run", _RUN)  # the states of studies have none
         plain = isinstance(checkpoint.step, int) and isinstance(checkpoint.time, float | int)
-        parts = {"stepper", "case", "chosen"} <= {*checkpoint.values}
-        parts = parts and {*run} >= _RUN
+        parts = "stepper" in checkpoint.values and {*run} >= _RUN
         return checkpoint if plain and parts and len(program) == 4 else None
     except (TypeError, LookupError, ValueError, AttributeError, RecursionError):
         return None

@@ -11,10 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
-from wovenfab.case.schema import Line, Yarn
 from wovenfab.parallel import agree, on_root
 from wovenfab.record.field_file import (
     FIELDS,
@@ -28,7 +26,8 @@ from wovenfab.record.field_file import (
 )
 from wovenfab.record.reading import damaged
 from wovenfab.record.results import LINES, rows_of, write_csv
-from wovenfab.sheet.lattice import ON_SIDE, Lattice, locate
+from wovenfab.sheet.lattice import Lattice, locate
+from wovenfab.sheet.probes import Line, Yarn
 
 if TYPE_CHECKING:
     from mpi4py import MPI
@@ -339,7 +338,7 @@ def write_lines(
     stored = read_fields(directory)
     parts: list[tuple[dict[str, Any], dict[str, Any], Any]] = []
     for name, line in lines.items():
-        start, end = line.ends if isinstance(line, Line) else _yarn(line, fibres, stored.corners())
+        start, end = line.ends if isinstance(line, Line) else line.ends(fibres, stored.corners())
         share = np.linspace(0.0, 1.0, line.points)
         way = np.subtract(end, start)
         points = start + share[:, None] * way
@@ -357,19 +356,3 @@ def write_lines(
     ]  # fmt: skip
     rows = [row for table in tables for row in rows_of(table)]
     write_csv(directory / LINES, rows)
-
-
-def _yarn(
-    line: Yarn, fibres: NDArray[np.float64], corners: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return both ends (m) of a yarn at rest: the piece of it that has the point."""
-    along, point = fibres[line.family - 1], np.array(line.through)
-    size = float(np.ptp(corners.reshape(-1, 2), axis=0).sum())
-    sheet = shapely.union_all(shapely.polygons(corners))
-    for gap in (ON_SIDE * size, -ON_SIDE * size):  # cells that touch become one
-        sheet = sheet.buffer(gap, join_style="mitre")
-    whole = shapely.LineString([point - size * along, point + size * along])
-    pieces = shapely.get_parts(shapely.intersection(sheet, whole))
-    near = pieces[np.argmin(shapely.distance(pieces, shapely.Point(point)))]
-    start, end = shapely.get_coordinates(near)[[0, -1]]
-    return start, end

@@ -14,13 +14,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
-from ruamel.yaml import YAML
-from ruamel.yaml.error import MarkedYAMLError, YAMLError
 
-#: Longest piece of a damaged file, and longest reason, that a message quotes.
-_QUOTED, _LONGEST_REASON = 40, 200
-#: Characters, values and depth of a case; none that was run has more.
-_LARGEST_TEXT, _MOST_VALUES, _DEEPEST = 1_000_000, 100_000, 20
+#: Longest piece of a damaged file that a message quotes.
+_QUOTED = 40
 
 
 class UnreadableResultsError(ValueError):
@@ -42,12 +38,13 @@ def text_of(path: Path, lines: int | None = None) -> str:
         return whole.decode("utf-8")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
-        raise UnreadableResultsError(f"{path}:{line}: this is not UTF-8 text{_RUN_AGAIN}") from None
+        raise UnreadableResultsError(f"{path}:{line}: this is not UTF-8 text{RUN_AGAIN}") from None
     except IsADirectoryError:
-        raise UnreadableResultsError(f"{path} is a folder, not a file{_RUN_AGAIN}") from None
+        raise UnreadableResultsError(f"{path} is a folder, not a file{RUN_AGAIN}") from None
 
 
-_RUN_AGAIN = "; the file is damaged, or not from wovenfab: restore it, or run the case again"
+#: What to do with a damaged file.
+RUN_AGAIN = "; the file is damaged, or not from wovenfab: restore it, or run the case again"
 
 
 def read_table(
@@ -72,7 +69,7 @@ def read_table(
     """
 
     def fail(number: int, why: str) -> NoReturn:
-        raise UnreadableResultsError(f"{path}:{number}: {why}{_RUN_AGAIN}")
+        raise UnreadableResultsError(f"{path}:{number}: {why}{RUN_AGAIN}")
 
     text = text_of(path, None if rows is None else rows + 1)
     header, *lines = text[: text.rfind("\n") + 1].removesuffix("\n").split("\n")
@@ -122,52 +119,12 @@ def read_object(path: Path) -> dict[str, Any]:
         raise
     except (ValueError, RecursionError) as error:
         why = str(error) or "it is nested too deeply"
-        raise UnreadableResultsError(f"{path} is not valid JSON ({why}){_RUN_AGAIN}") from None
+        raise UnreadableResultsError(f"{path} is not valid JSON ({why}){RUN_AGAIN}") from None
     if not isinstance(content, dict):
-        raise UnreadableResultsError(f"{path} has no names with values{_RUN_AGAIN}")
+        raise UnreadableResultsError(f"{path} has no names with values{RUN_AGAIN}")
     return content
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Return the keys and values of a YAML file, plain data of a moderate size.
-
-    Raises:
-        FileNotFoundError: It is not there.
-        UnreadableResultsError: It is no such file.
-    """
-    text = text_of(path)
-    if len(text) > _LARGEST_TEXT:
-        raise damaged(path, "the file is too large")
-    try:
-        content = YAML(typ="safe", pure=True).load(text)
-        _require_small(content, [0])
-    except MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise UnreadableResultsError(
-            f"{path}:{line}: this is not valid YAML: {error.problem}{_RUN_AGAIN}"
-        ) from None
-    except (YAMLError, ValueError, LookupError, TypeError, RecursionError) as error:
-        why = " ".join(str(error).split())[:_LONGEST_REASON]
-        raise damaged(path, f"this is not valid YAML ({why})") from None
-    if not isinstance(content, dict):
-        raise damaged(path, "there are no keys with values")
-    return content
-
-
-def _require_small(item: Any, counted: list[int], depth: int = 0) -> None:
-    """Require that data are small also where aliases in them are followed.
-
-    Raises:
-        ValueError: They are not.
-    """
-    counted[0] += 1
-    if counted[0] > _MOST_VALUES or depth > _DEEPEST:
-        raise ValueError("lists or mappings are nested too deeply")
-    if isinstance(item, dict | list):
-        for one in item.values() if isinstance(item, dict) else item:
-            _require_small(one, counted, depth + 1)
 
 
 def damaged(path: Path, why: str) -> UnreadableResultsError:
     """Return the error of a file that is wrong for a reason in words."""
-    return UnreadableResultsError(f"{path}: {why}{_RUN_AGAIN}")
+    return UnreadableResultsError(f"{path}: {why}{RUN_AGAIN}")

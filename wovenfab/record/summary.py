@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.parallel import on_root, world
+from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
-from wovenfab.record.history import BiasExtension, index_of_peak, peak_force
+from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.record.reading import damaged, read_object, text_of
 from wovenfab.record.results import this_process, write_csv, write_whole
 from wovenfab.versions import versions
@@ -116,9 +117,12 @@ def window(history: Columns, start: float, end: float) -> dict[str, NDArray[np.f
     end = min(end, float(time[-1]))
     # a step that ends a rounding error beside the boundary is not a point of its own
     slack = 1e-9 * (end - start)
-    inner = time[(time > start + slack) & (time < end - slack)]
-    times = np.concatenate([[start], inner, [end]])
-    return {name: np.interp(times, time, values) for name, values in history.items()}
+    first, last = time.searchsorted(start + slack, "right"), time.searchsorted(end - slack)
+    times = np.concatenate([[start], time[first:last], [end]])
+    # Only the rows around it: a run of many cycles has a window for each.
+    before = int(time.searchsorted(start, "right")) - 1
+    rows = slice(max(before, 0), int(time.searchsorted(end)) + 1)
+    return {name: np.interp(times, time[rows], column[rows]) for name, column in history.items()}
 
 
 def write_cycles(
@@ -260,8 +264,14 @@ def read_summary(directory: str | Path) -> dict[str, Any]:
         return {}
 
 
+#: Columns of the history that the figures of a cycle are of.
+_FIGURES_OF = (
+    *("time_s", "displacement_m", "force_N", "work_J", "energy_J", "dissipated_J", "imbalance_J"),
+)
+
+
 def _cycle(history: Columns, start: float, end: float, complete: bool, travel: float) -> Cycle:
-    part = window(history, start, end)
+    part = window({name: history[name] for name in _FIGURES_OF}, start, end)
     u, force = part["displacement_m"], part["force_N"]
     turn = int(np.abs(u - u[0]).argmax())
     way = float(u[turn] - u[0]) * travel**2  # the force of the grips is F/travel

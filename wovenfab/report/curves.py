@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from wovenfab.record.summary import Cycle, window
-from wovenfab.report.run_data import RunData
+from wovenfab.report.run_data import RunData, spread
 from wovenfab.report.style import (
     APART,
     DASHES,
@@ -28,6 +28,8 @@ from wovenfab.report.style import (
     zero_line,
 )
 
+#: Of more cycles, pictures show some one by one: nobody could tell them apart.
+MOST_CYCLES = 32
 Values = NDArray[np.float64]
 History = Mapping[str, Values]
 #: A run with the name by which readers know it.
@@ -142,8 +144,9 @@ def energies(source: RunData) -> Figure:
 
 def losses(source: RunData) -> Figure:
     """Return the figure: dissipated energy by effect, and imbalance, of each cycle."""
-    cycles, history = source.cycles, source.history
-    names = [f"{i}" if c.complete else f"{i}*" for i, c in enumerate(cycles, 1)]
+    numbers, cycles = zip(*shown_cycles(source), strict=True)
+    history = source.history
+    names = [f"{i}" if c.complete else f"{i}*" for i, c in zip(numbers, cycles, strict=True)]
     figure = Figure(figsize=(WIDTH, 0.34 * WIDTH))
     left, right = figure.subplots(1, 2)
     unit = readable("J", max(c.dissipated for c in cycles))
@@ -282,21 +285,27 @@ def _draw_cycles(axes: Axes, source: RunData, unit: Unit) -> None:
         return
     most = max(cycle.dissipated for cycle in source.cycles)
     energy = readable("J", most) if most > 0 else None
-    count = len(source.cycles)
-    for part in _outside_cycles(source):
+    count, shown = len(source.cycles), shown_cycles(source)
+    for part in [source.history] if len(shown) < count else _outside_cycles(source):
         axes.plot(*path(part, unit), color=QUIET, linewidth=0.8, zorder=2)
-    for number, (cycle, shade) in enumerate(zip(source.cycles, sequence(count), strict=True), 1):
+    for (number, cycle), shade in zip(shown, sequence(len(shown)), strict=True):
         values = path(window(source.history, cycle.start, cycle.end), unit)
         label, order = _label(number, cycle, energy), 8 - 5 * number / count
         axes.plot(*values, color=shade, label=label, zorder=order)
         if number == count:
             _draw_sense(axes, *values, shade)
+    title = "cycle" if energy is None else "energy dissipated in cycle"
     axes.legend(
-        title="cycle" if energy is None else "energy dissipated in cycle",
+        title=title if len(shown) == count else f"{title}, {len(shown)} of {count}",
         loc="upper left",
         alignment="left",
-        ncols=1 + (count - 1) // 8,
+        ncols=1 + (len(shown) - 1) // 8,
     )
+
+
+def shown_cycles(source: RunData) -> Sequence[tuple[int, Cycle]]:
+    """Return the cycles that pictures show one by one, each with its number."""
+    return spread(list(enumerate(source.cycles, 1)), MOST_CYCLES)
 
 
 def _outside_cycles(source: RunData) -> Iterator[History]:

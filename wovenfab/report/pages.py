@@ -249,7 +249,10 @@ def _cycles(source: RunData) -> Sequence[Block]:
         "in per cent of what was dissipated and stored."
     )
     table = [cycle_table(rows)] if rows else []
-    lost = [f"cycle {i}: {quantity(c.dissipated, 'J')}" for i, c in enumerate(source.cycles, 1)]
+    shown = curves.shown_cycles(source)
+    lost = [f"cycle {i}: {quantity(c.dissipated, 'J')}" for i, c in shown]
+    if len(shown) < len(source.cycles):
+        caption += f" {len(shown)} of {len(source.cycles)} cycles are shown."
     return [*table, vector(curves.losses(source), "losses", caption, f"{'; '.join(lost)}.")]
 
 

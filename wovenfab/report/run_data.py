@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import cos, isfinite, sin
 from pathlib import Path
@@ -13,11 +13,12 @@ from numpy.typing import NDArray
 from pydantic import Field, TypeAdapter, ValidationError
 
 from wovenfab.case import units
+from wovenfab.case.recorded import read_yaml
 from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.record.reading import damaged, read_yaml
+from wovenfab.record.reading import damaged
 from wovenfab.record.results import Provenance, of_summary, this_process
 from wovenfab.record.summary import SUMMARY, Cycle, cycles, read_summary
 from wovenfab.report.style import millimetres
@@ -80,6 +81,8 @@ def open_run_data(directory: str | Path) -> RunData:
     if not len(history["step"]):
         raise ValueError(f"{folder} has a history without a single step: nothing to draw")
     case, summary = case_of(folder), _checked(read_summary(folder), folder / SUMMARY)
+    if (count := len(summary.get("cycles", ()))) > (rows := len(history["step"])):
+        raise damaged(folder / SUMMARY, f"there are {count} cycles for {rows} rows of the history")
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
     travel = summary.get("grip_travel_per_program", 1.0)
     title = one_line(str(case.get("title") or folder.resolve().name))
@@ -191,16 +194,14 @@ def key_times(
 ) -> list[tuple[KeyTime, KeyTime]]:
     """Return the reversal and the end of each cycle, among the stored times (at least one).
 
-    Of more cycles than ``most``: the first, the last and some between. A run without cycles
-    counts as a single one.
+    Of more cycles than ``most`` they are some, as :func:`spread`. A run without cycles counts as a
+    single one.
     """
     u = source.reached(stored)
     spans = [(f"cycle {i}", c.start, c.end) for i, c in enumerate(source.cycles, 1)]
     spans = spans or [("run", 0.0, float(stored.times[-1]))]
-    if len(spans) > most:
-        spans = [spans[round(i)] for i in np.linspace(0, len(spans) - 1, most)]
     pairs = []
-    for name, start, end in spans:
+    for name, start, end in spread(spans, most):
         inside = times_between(stored, start, end)
         if not len(inside):
             continue
@@ -208,6 +209,13 @@ def key_times(
         reversal = KeyTime(int(turn), float(u[turn]), f"{name}, {millimetres(u[turn])}")
         pairs.append((reversal, KeyTime(int(last), float(u[last]), f"end of {name}")))
     return pairs
+
+
+def spread[T](items: Sequence[T], most: int) -> Sequence[T]:
+    """Return at most so many items: the first, the last and some between, evenly."""
+    if len(items) <= most:
+        return items
+    return [items[round(place)] for place in np.linspace(0, len(items) - 1, most)]
 
 
 def times_between(stored: StoredFields, start: float, end: float) -> NDArray[np.int64]:

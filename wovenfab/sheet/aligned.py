@@ -8,17 +8,26 @@ and sides along fibres stay along fibres.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import ceil, log, sqrt
 
 import numpy as np
 import shapely
 from mpi4py import MPI
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from wovenfab.sheet.errors import GeometryError
 from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, quality, spaced, special_lines
-from wovenfab.sheet.sheet import CORNER, Outline, Sheet, changes, name_facets, triangle_mesh
+from wovenfab.sheet.sheet import (
+    CORNER,
+    Outline,
+    Ring,
+    Sheet,
+    changes,
+    name_facets,
+    triangle_mesh,
+)
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -69,6 +78,51 @@ def aligned_sheet(
     none = np.zeros((0, 2, 2))
     across = (lines[0].jumps, lines[1].jumps) if jumps else (none, none)
     return Sheet(mesh, facets, tags, fibres, across)
+
+
+def fibre_sheet(
+    points: ArrayLike,
+    names: Sequence[str | None],
+    fibres: ArrayLike,
+    mesh_size: float,
+    held: Sequence[str] = (),
+    holes: Sequence[tuple[ArrayLike, Sequence[str | None]]] = (),
+    *,
+    graded: bool = False,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Sheet:
+    """Return a sheet with a mesh along its fibres, from an outline of points; collective.
+
+    Where two placements are simulated they may jump across the fibres at which ``held`` edges
+    begin and end.
+
+    Args:
+        points: Vertices of the outside, counter-clockwise, shape (n, 2), m.
+        names: Edge of the segment from each vertex to the next; None where it needs no name.
+        fibres: Unit vectors along the fibres, a row a family, shape (2, 2).
+        mesh_size: Longest side of the cells, about, m.
+        held: Names of the edges at which placements will be held.
+        holes: Vertices, clockwise, and names of each hole.
+        graded: Whether the mesh shrinks towards the ends of held edges and re-entrant corners,
+            as suits one placement.
+        comm: Communicator of the mesh.
+
+    Raises:
+        GeometryError: The outline crosses itself, or is not turned as it must be.
+        ValueError: A held edge has no segment, or the fibres are no unit vectors that cross.
+    """
+    rings = [(points, names), *holes]
+    outline = Outline(tuple(Ring(np.array(p, dtype=float), tuple(of)) for p, of in rings))
+    if not outline.polygon.is_valid or any(len(r.points) != len(r.names) for r in outline.rings):
+        raise GeometryError("the outline crosses itself, or has not one name for each vertex")
+    turned = [ring.turns.sum() > 0 for ring in outline.rings]
+    if turned != [True, *(False for _ in holes)]:
+        raise GeometryError("the outside runs counter-clockwise, and holes run clockwise")
+    if missing := set(held) - {name for _, _, name in outline.segments()}:
+        raise ValueError(f"no segment is named {sorted(missing)[0]!r}")
+    holds = {name: name for name in held}
+    grading = BONDED if graded else None
+    return aligned_sheet(comm, outline, np.array(fibres), (holds, holds), mesh_size, grading)
 
 
 def singular_points(outline: Outline, holds: tuple[Holds, Holds]) -> Array:

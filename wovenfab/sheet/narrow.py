@@ -29,7 +29,7 @@ class NarrowPlace:
 
     Attributes:
         point: The middle between them, shape (2,), m.
-        width: Their distance, m.
+        width: Their distance, or the length of a side that keeps two others so little apart, m.
         share: Of the size of the sheet.
     """
 
@@ -52,7 +52,8 @@ def narrowest(outline: Outline) -> NarrowPlace | None:
     """Return where two parts of an outline that face each other come closest.
 
     From corners and middles of segments the distances to all other segments are measured. Parts
-    of one ring that are near each other along it, such as the sides of a corner, do not count.
+    of one ring that are near each other along it, such as the sides of a corner, do not count, but
+    for those that a side keeps too little apart: cells of its length are computed there.
 
     Args:
         outline: The sheet.
@@ -75,6 +76,9 @@ def narrowest(outline: Outline) -> NarrowPlace | None:
             if distances.min() < best:
                 nearest = int(distances.argmin())
                 best, place = float(distances[nearest]), (point + feet[nearest]) / 2
+    shortest = int(squares.argmin())
+    if (side := float(np.sqrt(squares[shortest]))) < min(best, TOO_NARROW * size):
+        best, place = side, starts[shortest] + along[shortest] / 2
     return None if place is None else NarrowPlace(place, best, best / size)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 import ufl
 from dolfinx.mesh import (
+    CellType,
     DiagonalType,
     GhostMode,
     Mesh,
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import cell_partitioner, corners_of
 from wovenfab.parallel import from_root
+from wovenfab.sheet.errors import LEAST_CROSSING
 from wovenfab.sheet.errors import GeometryError as GeometryError
 
 Array = NDArray[np.float64]
@@ -216,6 +218,30 @@ class Sheet:
         default_factory=lambda: (np.zeros((0, 2, 2)), np.zeros((0, 2, 2)))
     )
 
+    def __post_init__(self) -> None:
+        """Refuse a mesh that cannot be used; collective.
+
+        Raises:
+            ValueError: The cells are no plane triangles with straight sides, ranks lack the cells
+                beside their own, or the fibres are no unit vectors that cross.
+        """
+        mesh = self.mesh
+        if mesh.topology.cell_type != CellType.triangle or mesh.geometry.dim != 2:
+            raise ValueError("the cells must be triangles in a plane (geometric dimension 2)")
+        if mesh.geometry.cmap.degree != 1:
+            raise ValueError("the triangles must have straight sides (geometry of degree 1)")
+        ghosts = mesh.comm.allreduce(mesh.topology.index_map(2).num_ghosts)
+        if mesh.comm.size > 1 and not ghosts:
+            raise ValueError(
+                "ranks lack the cells beside their own, over whose sides bending is integrated: "
+                "make the mesh with ghost_mode=dolfinx.mesh.GhostMode.shared_facet"
+            )
+        lengths, (one, two) = np.linalg.norm(self.fibres, axis=1), self.fibres
+        if np.shape(self.fibres) != (2, 2) or not np.allclose(lengths, 1, rtol=0, atol=1e-12):
+            raise ValueError("fibres are two unit vectors, a row a family")
+        if abs(one[0] * two[1] - one[1] * two[0]) < LEAST_CROSSING:
+            raise ValueError("the fibres of both families must cross")
+
     @property
     def original_cells(self) -> NDArray[np.int64]:
         """Return the number of each local cell that does not depend on the ranks."""
@@ -249,7 +275,7 @@ def quadrature_points(mesh: Mesh, degree: int) -> Array:
 
 
 def directions(angles: tuple[float, float]) -> NDArray[np.float64]:
-    """Return unit vectors, shape (2, 2), at ``angles`` (rad) from the x axis."""
+    """Return unit vectors, shape (2, 2), at ``angles`` (rad) from the x axis, one a family."""
     return np.array([[cos(a), sin(a)] for a in angles])
 
 

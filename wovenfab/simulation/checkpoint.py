@@ -6,10 +6,10 @@ that neither the partition nor doubled nodes need numbers of their own.
 
 from __future__ import annotations
 
-import json
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,19 +19,16 @@ from dolfinx import fem
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, CaseError
-from wovenfab.case.document import FILE
-from wovenfab.case.errors import in_brief
 from wovenfab.compat import corners_of
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
 from wovenfab.parallel import agree, by_first, from_root, on_root
+from wovenfab.plain_text import in_brief
 from wovenfab.record.field_file import PROGRAM, Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
-from wovenfab.record.fingerprint import EFFECT, STATE, contents_of
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.stepping.program import Program, program_of_case
+from wovenfab.stepping.program import Program
 from wovenfab.stepping.step import Step
 
 if TYPE_CHECKING:
@@ -47,8 +44,6 @@ MESH, EDGES = "mesh", "edges"
 #: Difference of displacements over the largest one, and of positions over the size of the sheet,
 #: below which programs and meshes are the same.
 SAME = 1e-9
-#: Sections of a case that a run may change when it goes on.
-FREE = {"title", "program", "second_program", "accuracy", "time", "solver", "output"}
 
 
 class SnapshotFormat:
@@ -147,12 +142,14 @@ class Checkpoints:
         """
         self._simulation, self._directory = simulation, directory
         self._more, self._sync = more, sync
-        self._every = simulation.case.output.checkpoint
+        self._every = simulation.output.checkpoint
         self._format = SnapshotFormat(simulation.model)
-        self._case, self._chosen = fixed_part(simulation.case), chosen_part(simulation.case)
         program = simulation.program
-        self._program = _values(program, [m.time for m in program.milestones])
-        self._mesh, self._edges = _mesh_of(simulation.model.sheet), simulation.model.sheet.edges
+        self._program = values_at(program, [m.time for m in program.milestones])
+        self._mesh, self._edges = (
+            mesh_of_cells(simulation.model.sheet),
+            simulation.model.sheet.edges,
+        )
         self._steps, self._clock = 0, time.monotonic()
 
     def __call__(self, step: Step) -> None:
@@ -181,8 +178,7 @@ class Checkpoints:
             stepper.time,
             {
                 "stepper": values,
-                "case": self._case,
-                "chosen": self._chosen,
+                **self._simulation.output.identity,
                 EDGES: self._edges,
                 **self._more(),
             },
@@ -218,41 +214,31 @@ def go_on(simulation: Simulation, checkpoint: Checkpoint, directory: Path) -> No
     """
     problem: Exception | None = None
     try:
-        simulation.resume(checkpoint)
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        logger.debug("the checkpoint does not fit", exc_info=True)
-        problem = NothingToResumeError(
-            f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
-            "another run; run the case from its beginning, into another directory or with "
-            "--overwrite"
-        )
+        with fitting(directory):
+            simulation.resume(checkpoint)
+    except NothingToResumeError as error:
+        problem = error
     agree(simulation.comm, problem)
 
 
-def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
-    """Return a case that goes on from a checkpoint: with an accuracy, what was chosen for it.
+@contextmanager
+def fitting(directory: Path) -> Iterator[None]:
+    """Say of a checkpoint that lacks what is taken from it that it does not fit.
+
+    Its digest tells damage, not what another program wrote.
 
     Raises:
-        NothingToResumeError: Physics, mesh or a finished part of the program differ, or a study
-            wrote the checkpoint.
+        NothingToResumeError: In place of what Python says.
     """
-    if "run" not in checkpoint.values:
+    try:
+        yield
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        logger.debug("the checkpoint does not fit", exc_info=True)
         raise NothingToResumeError(
-            f"{directory} is a part of a study, which goes on when the study is repeated"
-        )
-    if case.accuracy is not None:
-        case = _with_choices(case, checkpoint, directory)
-    before, now = _without_places(checkpoint.values["case"]), _without_places(fixed_part(case))
-    differing = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)]
-    if not differing and not _has_made(case, checkpoint):
-        differing = [f"program before t = {checkpoint.time:.6g} s"]
-    if differing:
-        raise NothingToResumeError(
-            f"the run in {directory} cannot go on with this case: {' and '.join(differing)} "
-            f"{'differs' if len(differing) == 1 else 'differ'}. Go on with the case as it was, or "
-            "run this one into another directory with -o"
-        )
-    return case
+            f"the checkpoint in {directory} does not fit this case ({in_brief(error)}): it is of "
+            "another run; run the case from its beginning, into another directory or with "
+            "--overwrite"
+        ) from None
 
 
 def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> None:
@@ -261,7 +247,9 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
     Raises:
         NothingToResumeError: It has other cells or edges, on every rank.
     """
-    if not _has_mesh(sheet, checkpoint):
+    with fitting(directory):
+        same = has_mesh(sheet, checkpoint)
+    if not same:
         raise NothingToResumeError(
             f"the run in {directory} cannot go on: its geometry, or a file that this reads, now "
             "gives another mesh. Go on with the geometry as it was, or run this case into another "
@@ -269,20 +257,25 @@ def require_same_mesh(sheet: Sheet, checkpoint: Checkpoint, directory: Path) -> 
         )
 
 
-def _has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
+def has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
     """Return whether a sheet has the cells and the edges of a checkpoint; collective."""
-    now, comm = _mesh_of(sheet), sheet.mesh.comm
-    same = sheet.edges == checkpoint.values[EDGES]
-    if now is not None:
+    now = mesh_of_cells(sheet)
+
+    def same() -> bool:
+        assert now is not None
         before = checkpoint.arrays[MESH]
         size = float(np.ptp(now[:, :6].reshape(-1, 2), axis=0).max())
-        same = same and before.shape == now.shape
-        same = same and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
-        same = same and bool((now[:, 6:] == before[:, 6:]).all())
-    return bool(comm.bcast(same))
+        return (
+            sheet.edges == checkpoint.values[EDGES]
+            and before.shape == now.shape
+            and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
+            and bool((now[:, 6:] == before[:, 6:]).all())
+        )
+
+    return by_first(sheet.mesh.comm, same)
 
 
-def _mesh_of(sheet: Sheet) -> Array | None:
+def mesh_of_cells(sheet: Sheet) -> Array | None:
     """Return the array of a mesh on rank 0, and None elsewhere; collective."""
     mesh = sheet.mesh
     own = mesh.topology.index_map(2).size_local
@@ -297,113 +290,7 @@ def _mesh_of(sheet: Sheet) -> Array | None:
     )
 
 
-def _with_choices(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
-    """Return a case with the elements and steps that were chosen for its accuracy.
-
-    Raises:
-        NothingToResumeError: They were chosen for another accuracy.
-    """
-    wanted = (checkpoint.values["run"]["errors"] or {}).get("wanted")
-    if wanted != case.accuracy:
-        raise NothingToResumeError(
-            f"the run in {directory} was {'not ' if wanted is None else ''}made for an accuracy"
-            f"{'' if wanted is None else f' of {wanted:g}, not {case.accuracy:g}'}; leave accuracy "
-            "out, or run this case into another directory with -o"
-        )
-    chosen = dict(checkpoint.values["chosen"])
-    segments = chosen_part(case)["program"]
-    if _motions(segments[: len(chosen["program"])]) == _motions(chosen["program"]):
-        chosen["program"] += segments[len(chosen["program"]) :]
-    else:
-        del chosen["program"]
-    changes = [f"{name}={json.dumps(value)}" for name, value in chosen.items()]
-    return case.changed("accuracy=null", *changes)
-
-
-def state_of(case: Case, model: Model) -> tuple[Array, str]:
-    """Return the state that a case starts from, and what it is in words; collective.
-
-    Returns:
-        Unknowns with ghosts, m, and a sentence.
-
-    Raises:
-        CaseError: There is none, or it is of another sheet or of other elements.
-    """
-    directory = case.from_state
-    assert directory is not None
-    try:
-        checkpoint = load_checkpoint(directory, model.comm)
-    except NothingToResumeError as error:
-        raise CaseError([case.problem(STATE, str(error))]) from error
-    before, now = checkpoint.values["case"], fixed_part(case)
-    parts = "sheet", "discretisation"
-    differing = [name for name in parts if before.get(name) != now.get(name)]
-    if not _has_mesh(model.sheet, checkpoint) and not differing:
-        differing = ["the meshes that its geometry gives"]
-    states = checkpoint.values["stepper"]["state"]["states"]
-    size = int(np.prod(model.placements.blocks.shape[1:])) * 2
-    shapes = model.comm.bcast({n: a.shape for n, a in checkpoint.arrays.items()})
-    if not differing and shapes[states[0][ARRAY]][1] != size:
-        differing = ["the number of placements"]
-    if differing:
-        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
-        remedy = "Take the same sheet, elements and number of placements."
-        raise CaseError([case.problem(STATE, message, remedy)])
-    state: Array = SnapshotFormat(model).scatter(states[0], checkpoint.arrays)
-    return state, (
-        f"starting from the state of {directory} at {checkpoint.time:.6g} s: displacements, work "
-        "and dissipated energy count from there"
-    )
-
-
-def fixed_part(case: Case) -> dict[str, Any]:
-    """Return what must not change while a run goes on; of files it is what is in them.
-
-    Of a geometry it is the mesh, which :func:`require_same_mesh` compares; of tables it is the
-    program so far.
-    """
-    dump = case.model_dump(mode="json", by_alias=True, exclude=FREE)
-    sheet = {k: v for k, v in dump["sheet"].items() if k != "file" and v is not None}
-    contents = {
-        f"the contents of {name}": of
-        for name, of in contents_of(case).items()
-        if name.startswith(EFFECT) or name == STATE
-    }
-    return {**dump, "sheet": sheet, **contents}
-
-
-def _without_places(part: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a fixed part without the places of files of effects, whose contents it has."""
-    effects = {
-        name: {k: v for k, v in values.items() if k != FILE}
-        for name, values in part["effects"].items()
-    }
-    return {**part, "effects": effects}
-
-
-def chosen_part(case: Case) -> dict[str, Any]:
-    """Return what an accuracy may have chosen."""
-    names = {"discretisation", "time", "program"}
-    chosen = case.model_dump(mode="json", by_alias=True, exclude_none=True, include=names)
-    if isinstance(chosen["program"], dict):  # a single segment
-        chosen["program"] = [chosen["program"]]
-    return chosen
-
-
-def _motions(segments: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return segments of a program without their numbers of steps."""
-    return [{k: v for k, v in segment.items() if k != "steps"} for segment in segments]
-
-
-def _has_made(case: Case, checkpoint: Checkpoint) -> bool:
-    """Return whether a case has the program of a checkpoint up to its time."""
-    program, before = program_of_case(case), checkpoint.arrays[PROGRAM]
-    largest = np.abs(before).max(axis=1, keepdims=True)
-    same = np.abs(_values(program, before[0]) - before) <= SAME * largest
-    return bool(program.milestones[-1].time >= checkpoint.time and same.all())
-
-
-def _values(program: Program, times: Sequence[float] | Array) -> Array:
+def values_at(program: Program, times: Sequence[float] | Array) -> Array:
     """Return the array of a program at times (s)."""
     rows = [(t, program.value(t), program.prescribes_force(t), program.second(t)) for t in times]
     return np.array(rows).T

@@ -1,4 +1,4 @@
-"""A run into a results directory, or in memory."""
+"""A run of a simulation into a results directory, or in memory."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.model.constraints import Constraints
-from wovenfab.model.fields import FieldProbe, Probes
+from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model, preserved
+from wovenfab.model.probes import Probes
 from wovenfab.parallel import by_first, on_root
 from wovenfab.record.field_file import FIELDS, MODE, Checkpoint, kept_times
 from wovenfab.record.fields import FieldSeries, write_lines
@@ -21,7 +22,6 @@ from wovenfab.record.history import (
     HISTORY,
     History,
     HistoryRows,
-    bias_extension_of,
     kept_rows,
     read_history,
 )
@@ -47,6 +47,7 @@ def run(
     interruption: Interruption | None = None,
     errors: Mapping[str, Any] | None = None,
     accepted: Callable[[], None] = lambda: None,
+    observers: Sequence[Observer] = (),
 ) -> tuple[Outcome, Columns, dict[str, Any]]:
     """Run a simulation; collective.
 
@@ -63,6 +64,7 @@ def run(
         interruption: Notes signals; None to leave them alone.
         errors: Estimated errors, plain values that checkpoints keep; None without.
         accepted: Called on rank 0 when the run is refused no more, before it changes any file.
+        observers: Called after each accepted step, before it is written.
 
     Returns:
         How it ended, the columns of the history, and the summary.
@@ -74,12 +76,12 @@ def run(
     model, program, comm = simulation.model, simulation.program, simulation.comm
     before = checkpoint.values["run"] if checkpoint else {"parts": [], "outcome": {}, "losses": []}
     first = checkpoint.step if checkpoint else -1
-    gauges = simulation.case.output.gauges
+    gauges = simulation.output.gauges
     with watch.phase("compile"):
         probes = Probes(model, gauges) if gauges else None
     rows = HistoryRows(
-        [e.name for e in model.effects if not e.dissipative],
-        [e.name for e in model.effects if e.loses],
+        model.storing,
+        model.losing,
         simulation.solver.problem.constraints.edges,
         simulation.stepper.measures_errors,
         probes.columns if probes else (),
@@ -94,7 +96,7 @@ def run(
 
     values: list[list[float]] = []
     modes = ModeWriter(simulation, directory, before["losses"])
-    observers: list[Observer] = [modes, lambda step: values.append(rows.row(step, probed())[0])]
+    own: list[Observer] = [modes, lambda step: values.append(rows.row(step, probed())[0])]
     simulation.outcome = Outcome(**before["outcome"])
 
     def parts() -> list[dict[str, Any]]:
@@ -111,8 +113,7 @@ def run(
         checkpoints: Checkpoints | None = None
         if directory is not None:
             history = stack.enter_context(History(directory, rows, comm, first))
-            text = simulation.case.to_yaml()
-            on_root(comm, lambda: write_whole(directory / "case.yaml", text))
+            on_root(comm, lambda: _write_texts(directory, simulation.output.texts))
             on_root(comm, lambda: (directory / SUMMARY).unlink(missing_ok=True))
             with watch.phase("compile"):
                 fields = FieldWriter(simulation, directory, first, before.get("planned", -1))
@@ -138,7 +139,7 @@ def run(
                 with watch.phase("checkpoints"):
                     checkpoints(step)
 
-            observers = [
+            own = [
                 *(modes, lambda step: history.append(step, probed())),
                 *(write_fields, write_checkpoint),
             ]
@@ -146,6 +147,7 @@ def run(
         end = program.milestones[-1].time
         outcome = simulation.run(
             *observers,
+            *own,
             lambda step: progress(Progress("stepping", step.time / end, step, model.unknowns)),
             watch=watch,
             until=until,
@@ -181,11 +183,16 @@ def run(
     )
     if directory is not None:
         write_summary(directory, summary, comm)
-        specimen = bias_extension_of(simulation.case)
+        specimen = simulation.output.specimen
         on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen, travel))
-        if lines := simulation.case.output.lines:
+        if lines := simulation.output.lines:
             on_root(comm, lambda: write_lines(directory, lines, model.sheet.fibres))
     return outcome, columns, summary
+
+
+def _write_texts(directory: Path, texts: Mapping[str, str]) -> None:
+    for name, text in texts.items():
+        write_whole(directory / name, text)
 
 
 def _travel(constraints: Constraints, displacements: NDArray[np.float64]) -> float:
@@ -254,10 +261,10 @@ class FieldWriter:
         ``until`` is the last step of an earlier run whose fields are kept, negative for none, and
         ``planned`` the number of planned steps that it had made, -1 before the initial state.
         """
-        case, program = simulation.case, simulation.program
-        self._every = case.output.every
+        output, program = simulation.output, simulation.program
+        self._every = output.every
         self._always = {*program.reversals, program.milestones[-1].time}
-        groups = case.output.fields
+        groups = output.fields
         self._files = _opened(simulation.model, directory, groups, until) if groups else None
         self.planned = planned
 

@@ -1,4 +1,4 @@
-"""A case ready to be stepped, and the loop over its steps."""
+"""A problem with its load program, and the loop over its steps."""
 
 from __future__ import annotations
 
@@ -9,27 +9,22 @@ from math import inf
 from signal import Signals
 from typing import TYPE_CHECKING, Self
 
+from dolfinx import fem
 from mpi4py import MPI
 
-from wovenfab.case import Case, CaseError
+from wovenfab.model.fields import interpolated
 from wovenfab.model.model import Model
 from wovenfab.record.field_file import Checkpoint
+from wovenfab.record.output import Output
 from wovenfab.record.results import FINISHED, INTERRUPTED
-from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.checkpoint import SnapshotFormat, state_of
-from wovenfab.simulation.from_case import (
-    constraints_of,
-    in_case,
-    model_of,
-    options_of,
-    require_values,
-    scheme_of,
-)
-from wovenfab.simulation.progress import Interruption, Stopwatch, require_memory, signal_behind
+from wovenfab.simulation.checkpoint import SnapshotFormat
+from wovenfab.simulation.progress import Interruption, Stopwatch, signal_behind
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.problem import OptionError, Problem, SolverOptions
-from wovenfab.stepping.program import program_of_case
+from wovenfab.solver.problem import Problem, SolverOptions
+from wovenfab.stepping.program import Program
+from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.stability import StabilityLostError, Treatment
+from wovenfab.stepping.state import Array
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl
 from wovenfab.stepping.time_stepper import TimeStepper
 
@@ -41,68 +36,71 @@ Observer = Callable[[Step], None]
 
 
 class Simulation:
-    """A case on its sheet: problem, solver, load program and time stepper.
+    """A problem and a load program, to be stepped through.
 
     A context manager, which frees the PETSc objects at the end.
 
     Attributes:
-        case: The validated case.
-        solver: Solver of its problem.
+        solver: Solver of the problem.
         program: The load program.
+        output: What a run writes.
         stepper: Goes through the program.
         outcome: Effort so far.
     """
 
     def __init__(
         self,
-        case: Case,
-        sheet: Sheet,
-        stability: Treatment | None = None,
+        problem: Problem,
+        program: Program,
+        scheme: str = "bdf2",
+        *,
+        stability: Treatment = "stop",
         options: SolverOptions | None = None,
+        smallest_step: float = 1 / 1024,
+        tolerance: float | None = None,
+        extrapolate: bool = True,
+        output: Output | None = None,
         solver: type[EquilibriumSolver] = EquilibriumSolver,
         step_size: Callable[[float], StepSizeControl] = StepSizeControl,
-        model: Model | None = None,
     ) -> None:
-        """Compile a case; collective.
+        """Create the solver; collective.
 
         Args:
-            case: The validated case.
-            sheet: Its meshed sheet.
-            stability: What is done where stability is lost, if not what the case says.
-            options: Of the solver, if not those of the case.
+            problem: Model and constraints; it is destroyed with this object.
+            program: The load program.
+            scheme: How rates are formed, ``"bdf2"``, ``"bdf3"``, ``"backward-euler"`` or
+                ``"midpoint"``.
+            stability: What is done where stability is lost: ``"stop"``, ``"follow"`` the branch
+                of minima, or ``"ignore"``.
+            options: Of the solver.
+            smallest_step: Share of a planned step below which steps are not cut.
+            tolerance: Error of a step in time by which steps adapt; None for planned steps.
+            extrapolate: Whether a step starts from the state extrapolated, or from the last one.
+            output: What a run into a directory writes.
             solver: Another solver, for comparison.
             step_size: Another step size control, for comparison.
-            model: The compiled model of a case that differs in program and steps only; its state
-                is lost, for stepping begins at that of reference.
 
         Raises:
-            CaseError: If an effect cannot be compiled or has no value, or PETSc cannot use an
-                option.
+            OptionError: PETSc cannot use an option.
+            ValueError: The model keeps fewer earlier states than the scheme looks back at.
         """
-        if model is None:
-            model = model_of(case, sheet)
-            require_memory(case, model.unknowns, model.comm)
-            require_values(case, model)
-        problem = Problem(model, constraints_of(case, model))
-        self.case, self.program = case, program_of_case(case)
-        try:
-            self.solver = solver(problem, options or options_of(case))
-        except OptionError as error:
-            remedy = "They stand in solver.petsc, after -- on the command line or in PETSC_OPTIONS."
-            raise CaseError([case.problem("solver.petsc", str(error), remedy)]) from error
+        kept, needed = len(problem.model.history), SCHEMES[scheme].memory
+        if 0 < kept < needed:
+            raise ValueError(f"{scheme} looks back at {needed} states: Numerics(history={needed})")
+        self.program, self.output = program, output or Output()
+        self.solver = solver(problem, options or SolverOptions())
         self.stepper = TimeStepper(
             self.solver,
-            self.program,
-            scheme_of(case),
-            case.time.smallest_step,
-            stability or case.solver.stability,
-            case.solver.predictor == "quadratic",
+            program,
+            SCHEMES[scheme],
+            smallest_step,
+            stability,
+            extrapolate,
             step_size,
-            case.time.tolerance,
+            tolerance,
         )
-        if self.program.changes:
+        if program.changes:
             self.stepper.control_force()
-        self._prepared = False
         self.outcome = Outcome()
 
     @property
@@ -115,18 +113,48 @@ class Simulation:
         """The ranks."""
         return self.model.comm
 
+    @property
+    def displacements(self) -> tuple[fem.Function, fem.Function]:
+        """The present displacement of each family as a dolfinx function (m).
+
+        With one placement both are the same. The functions share the memory of the solver: copy
+        what must outlive the step. Placements that jump have their own unknowns on both sides.
+        """
+        model = self.model
+        first, second = (fem.Function(s, model.field.x) for s in model.placements.families)
+        return first, second
+
+    def field(self, name: str) -> fem.Function:
+        """Return a field of the present state, discontinuous between cells; collective.
+
+        Args:
+            name: As in the results, such as ``shear_angle`` or ``beta``.
+
+        Raises:
+            KeyError: If the effects give it no meaning.
+        """
+        return interpolated(self.model, name)
+
     def differentiate(self, targets: Sequence[Target], dissipation: bool = True) -> None:
         """Give each step the derivatives of force and dissipation by parameters; collective.
 
         Raises:
-            CaseError: If the program prescribes a force.
-            TargetError: If the scene has no such parameter.
+            ValueError: The program prescribes a force.
+            TargetError: There is no such parameter.
         """
         if self.program.changes:
-            message = "derivatives by parameters are not available where a force is prescribed"
-            raise CaseError([self.case.problem("program", message, "Prescribe displacements.")])
-        targets = [in_case(target, self.case) for target in targets]
+            raise ValueError("derivatives by parameters need a program of displacements")
         self.stepper.differentiate(targets, dissipation=dissipation)
+
+    def start_at(self, state: Array) -> None:
+        """Let the program start from another state than that of reference.
+
+        Displacements, work and dissipated energy count from there.
+
+        Args:
+            state: Unknowns with ghosts, m.
+        """
+        self.stepper.start_at(state)
 
     def steps(self) -> Iterator[Step]:
         """Yield the initial state and then each accepted step; collective.
@@ -135,21 +163,7 @@ class Simulation:
             StepFailedError: If a step cannot be made; the field is the last accepted.
             StabilityLostError: If no minimum lies beyond it.
         """
-        self.prepare()
         yield from self.stepper.steps()
-
-    def prepare(self) -> str:
-        """Take the state that the case starts from, and say what that is; collective.
-
-        Raises:
-            CaseError: There is none, or it is of another sheet.
-        """
-        if self.case.from_state is None or self.stepper.begun or self._prepared:
-            return ""
-        state, words = state_of(self.case, self.model)
-        self.stepper.start_at(state)
-        self._prepared = True
-        return words
 
     def resume(self, checkpoint: Checkpoint) -> None:
         """Go on from a checkpoint of the same physics and mesh; collective."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Mapping
 from math import sqrt
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +18,10 @@ from wovenfab.model.model import Model, with_point_friction
 from wovenfab.solver.globalisation import CrossingLimit
 from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.newton import NewtonSolver
+from wovenfab.solver.point_friction import PointStress
 from wovenfab.solver.problem import PetscOptions, Problem, SolveResult, SolverOptions
 from wovenfab.solver.reuse import BackOff
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
-
-if TYPE_CHECKING:
-    from wovenfab.solver.point_friction import PointStress
 
 logger = logging.getLogger(__name__)
 #: Iterations after which bounded friction gets its stress at points.
@@ -46,18 +44,19 @@ class EquilibriumSolver:
 
     newton_solver: type[NewtonSolver] = NewtonSolver
 
-    def __init__(self, problem: Problem, options: SolverOptions) -> None:
+    def __init__(self, problem: Problem, options: SolverOptions | None = None) -> None:
         """Create matrix, factorisation and SNES; collective.
 
         Args:
             problem: The problem; it is destroyed with this object.
-            options: Tolerances and alternatives.
+            options: Tolerances and alternatives; the usual ones unless given.
 
         Raises:
             OptionError: If PETSc cannot use an option.
         """
-        model = problem.model
+        model, options = problem.model, options or SolverOptions()
         self.problem, self._options, self.model = problem, options, model
+        self._accepted = model.field.x.array.copy()
         self.crossing = CrossingLimit(model)
         self._petsc_options = PetscOptions(options.options)
         prefix = self._petsc_options.prefix
@@ -77,6 +76,35 @@ class EquilibriumSolver:
         self._sharp: tuple[Model, PointStress] | None = None
         self._can_use_points = any(t.effect.bound for t in model.balance.terms)
         self._smooth_law = BackOff("friction by its smooth law fails")
+
+    def advance(self, program: float, second: float = 0.0, duration: float = 1.0) -> SolveResult:
+        """Solve for a value of the program, from the model's present equilibrium; collective.
+
+        This is a step of a loop of one's own: look at the result and at the model's field, then
+        call :meth:`accept` or :meth:`reject`. Rates are formed by backward Euler.
+
+        Args:
+            program: Displacement of the program, m.
+            second: That of the second program, m.
+            duration: Of the step, s; it matters where an effect depends on rates.
+        """
+        model, problem = self.model, self.problem
+        self._accepted = model.field.x.array.copy()
+        for i, weight in enumerate(model.rate_weights):
+            weight.value = (1.0, -1.0)[i] / duration if i < 2 else 0.0
+        for field in model.history:
+            field.x.array[:] = self._accepted
+        if model.memory:
+            model.memory.begin(self._accepted, duration)
+        model.last.x.array[:] = self._accepted
+        problem.prescribe_second(second)
+        problem.prescribe(program)
+        return self.solve()
+
+    def reject(self) -> None:
+        """Go back to the equilibrium from which :meth:`advance` began; collective."""
+        self.model.field.x.array[:] = self._accepted
+        self.restore()
 
     def solve(self, briefly: bool = False) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
@@ -233,6 +261,4 @@ class EquilibriumSolver:
         self.problem.model, self.problem.point_stress = self.model, self._set_valued
 
     def _stress_of(self, model: Model) -> PointStress:
-        from wovenfab.solver.point_friction import PointStress
-
         return PointStress(model, self.problem.constraints.bcs)

@@ -283,15 +283,16 @@ class Convergence:
     or of the cell size where that is larger; times the tangent it is that of the forces.
     """
 
-    def __init__(self, tolerance: float, cell_size: float) -> None:
+    def __init__(self, tolerance: float, cell_size: float, unknowns: int = 1) -> None:
         """Begin without any equilibrium.
 
         Args:
             tolerance: Residual force over the largest force met so far.
             cell_size: That of the largest cell, m.
+            unknowns: Number of unknowns.
         """
         self._tolerance = tolerance
-        self._cell_size = cell_size
+        self._cell_size, self._unknowns = cell_size, unknowns
         # Largest force (N) and energy (J) of an equilibrium so far.
         self._force = self._energy = 0.0
         # Size of the tangent (N/m), and rounding error of positions (m).
@@ -363,8 +364,9 @@ class Convergence:
         least = self._tolerance * self.scale_of(energy)
         if left is not None:
             decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
-        # Positions that are rounded have an energy, which is all that there is at rest.
-        least = max(least, rounding * self._blur)
+        # Positions that are rounded have an energy, which is all that there is at rest: at most
+        # the sum of the tangent's diagonal, which its norm bounds, times their error squared.
+        least = max(least, np.sqrt(self._unknowns) * rounding * self._blur)
         if decrement <= least and residual <= max(small, rounding):
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None

@@ -21,7 +21,6 @@ import basix
 import numpy as np
 import ufl
 from dolfinx import fem
-from mpi4py import MPI
 from numpy.typing import NDArray
 from ufl.algorithms import expand_derivatives
 from ufl.constantvalue import Zero
@@ -39,9 +38,6 @@ LEAST, MOST = 0.1, 10.0
 CLOSEST = 1e-15
 #: Stands for infinity.
 HUGE = 1e30
-#: Least bound that varies, over the largest at rest (or 1 in SI units if that is zero): a point of
-#: none is left out for good, which such a one is not.
-LEAST_BOUND = 1e-9
 
 
 @dataclass(frozen=True)
@@ -235,16 +231,13 @@ class _PointRule:
         )
         self._creep = more[0] if more else None
         self.varies = bool(friction.term.effect.memory)
-        area, bound = self.at(self._given).reshape(-1, 2).T
-        largest = float(mesh.comm.allreduce(bound.max(initial=0.0), op=MPI.MAX))
-        self._least = LEAST_BOUND * (largest or 1.0)
+        area = self.at(self._given)[::2]
         self.area = np.repeat(area * np.tile(weights, own), self._size)
 
     @property
     def bound(self) -> Array:
-        """The largest stress; it may vary with internal variables, and then come back from zero."""
-        _, bound = self.at(self._given).reshape(-1, 2).T
-        return np.repeat(np.maximum(bound, self._least) if self.varies else bound, self._size)
+        """The largest stress."""
+        return np.repeat(self.at(self._given)[1::2], self._size)
 
     def increments(self) -> Array:
         return self.at(self._increment)
@@ -276,7 +269,7 @@ class _PointRule:
 
 
 class FrictionPoints:
-    """All points of some frictions on this rank that have a bound above zero, one by one.
+    """All points of some frictions on this rank that may have a bound above zero, one by one.
 
     Attributes:
         bound: Largest stress zeta at each, shape (n,), as are all values here.
@@ -294,18 +287,26 @@ class FrictionPoints:
         self._direction = fem.Function(space)
         self._rules = [_PointRule(f, self._direction) for f in frictions]
         everywhere = np.concatenate([r.bound for r in self._rules])
-        self._acting = everywhere > 0
+        varying = np.repeat([r.varies for r in self._rules], [r.area.size for r in self._rules])
+        self._acting: NDArray[np.bool_] = (
+            everywhere > 0
+        ) | varying  # one that varies may come from zero
+        self._varying = varying[self._acting]
         self._ends = np.cumsum([r.area.size for r in self._rules])[:-1]
         self._comm = space.mesh.comm
         self.bound = everywhere[self._acting]
         self.area = np.concatenate([r.area for r in self._rules])[self._acting]
         self.creeps = any(not f.term.effect.set_valued for f in frictions)
 
-    def renew(self) -> bool:
-        """Evaluate the bounds anew if they vary; return whether they do."""
+    def renew(self, least: Array) -> bool:
+        """Evaluate the bounds anew if any varies; return whether one does.
+
+        Args:
+            least: Smallest that a bound which varies may be.
+        """
         varies = any(rule.varies for rule in self._rules)
         if varies:
-            self.bound[:] = self._all(lambda rule: rule.bound)
+            self.bound[:] = np.maximum(self._all(lambda rule: rule.bound), least * self._varying)
         return varies
 
     def increments(self) -> Array:

@@ -109,7 +109,9 @@ class NewtonSolver:
             (4, self.solution.getLocalSize())
         )
         self._reuse, self._left = TangentReuse(), np.inf  # share of the residual left by a step
-        self._convergence = Convergence(options.tolerance, largest_cell(problem.model.sheet.mesh))
+        model = problem.model
+        cell_size = largest_cell(model.sheet.mesh)
+        self._convergence = Convergence(options.tolerance, cell_size, model.unknowns)
         self.line_search = LineSearch(problem)
         self._length, self._cg = 0.0, 0  # of the last step
         self._most = options.max_iterations

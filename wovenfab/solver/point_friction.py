@@ -44,6 +44,9 @@ MISLED, LOST = 0.5, 10.0
 NOTHING = 1e-6
 #: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
 OF_LOSS, OF_ENERGY = 100.0, 0.1
+#: Least bound that varies, over the stress by which the sheet resists a displacement as large as a
+#: cell: friction of no bound at all has no interior, and one that is left out cannot come back.
+LEAST_BOUND = 1e-12
 #: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
 #: distance of a stress from its bound, over the bound.
 STUCK, INSIDE = 1e7, 1e-12
@@ -94,11 +97,12 @@ class PointStress:
             diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
         self._started = self._moved = False
-        if (points := self.points).renew():
-            self._accepted = np.clip(self._accepted, -points.bound, points.bound)
+        points = self.points
         if not self.diagonal:
             self.diagonal, self._stiffness = points.stiffness(diagonal)
             self._secant = UNKNOWN * self._stiffness
+        if points.renew(LEAST_BOUND * np.sqrt(self.diagonal * self._stiffness)):
+            self._accepted = np.clip(self._accepted, -points.bound, points.bound)
         self._least = NOTHING * points.bound / (FIRST * self._stiffness)
         self._increment = points.increments()
         self._set_stress(self._accepted)
@@ -158,7 +162,7 @@ class PointStress:
     def add_force(self, b: Any) -> None:
         """Add the force (N) of the stresses to a vector, ghosts not yet summed."""
         if not self._idle:
-            for form in self._forms:
+            for form in self._forms.values():
                 fem_petsc.assemble_vector(b, form)
 
     def add_force_of(self, stresses: Array, b: Any) -> None:

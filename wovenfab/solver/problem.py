@@ -10,6 +10,7 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from dolfinx import fem
 from dolfinx.fem import petsc as fem_petsc
 from numpy.typing import NDArray
 from petsc4py import PETSc
@@ -173,14 +174,17 @@ class Problem:
         attained: Whether the field has the prescribed placements.
     """
 
-    def __init__(self, model: Model, constraints: Constraints) -> None:
-        """Create the vectors; collective.
+    def __init__(self, model: Model, bcs: Mapping[str, fem.DirichletBC] | None = None) -> None:
+        """Find the prescribed unknowns, and create the vectors; collective.
 
         Args:
             model: The compiled model.
-            constraints: Its prescribed placements.
+            bcs: Dirichlet conditions of dolfinx beside those of the model, for its space or that
+                of one placement (``model.placements.families``), by names under which their
+                reactions are recorded. Their values may be changed between steps.
         """
-        self.model, self.constraints = model, constraints
+        self.model = model
+        self.constraints = Constraints(model.placements, model.sheet, model.grips, bcs)
         self.point_stress: PointStress | None = None
         self.residual = model.field.x.petsc_vec.duplicate()  # ghosted
         self._diagonal = self.residual.duplicate()
@@ -211,7 +215,7 @@ class Problem:
         if not self.attained:
             with b.localForm() as local:
                 local.array_w[b.getLocalSize() :] = 0.0
-            for form in self.model.jacobian:
+            for form in self.model.jacobian.values():
                 fem_petsc.apply_lifting(b, [form], [bcs], [at], -1.0)
             b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         fem_petsc.set_bc(b, bcs, at, -1.0)
@@ -281,7 +285,7 @@ class Problem:
         with b.localForm() as local:
             local.set(0.0)
         with self.constraints.prescribed(displacement) as bcs:
-            for form in self.model.jacobian:
+            for form in self.model.jacobian.values():
                 fem_petsc.apply_lifting(b, [form], [bcs], alpha=-1.0)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(b.array_r)

@@ -8,17 +8,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import accumulate, chain, pairwise
 from math import ceil, cos, pi
-from typing import Any
 
 import numpy as np
 
-from wovenfab.case import Case, Cycles, Hold, Ramp, Table, Trapezoid
-from wovenfab.case.program import prescribe_forces
-
 
 @dataclass(frozen=True)
-class Segment:
-    """A stretch of the program between two reversals or kinks, in equal steps.
+class Piece:
+    """A part of the program between two reversals or kinks, in equal steps.
 
     Attributes:
         duration: s.
@@ -71,26 +67,26 @@ class Program:
     """
 
     milestones: tuple[Milestone, ...]
-    _stretches: tuple[Segment, ...]
-    _places: tuple[tuple[Segment, float], ...]  # of the milestones
+    _pieces: tuple[Piece, ...]
+    _places: tuple[tuple[Piece, float], ...]  # of the milestones
     beside: Program | None = None
 
     @cached_property
-    def _planned(self) -> dict[float, tuple[Segment, float]]:
+    def _planned(self) -> dict[float, tuple[Piece, float]]:
         return {m.time: place for m, place in zip(self.milestones, self._places, strict=True)}
 
-    def _place(self, time: float) -> tuple[Segment, float]:
-        """Return the stretch that leads to a time (s), and the time since its start (s)."""
+    def _place(self, time: float) -> tuple[Piece, float]:
+        """Return the piece that leads to a time (s), and the time since its start (s)."""
         if time in self._planned:  # bit for bit, which t - start could miss
             return self._planned[time]
         number = bisect_left(self._ends, time)
         if number == len(self._ends):
             return self._places[-1]
-        return self._stretches[number], time - (self._ends[number - 1] if number else 0.0)
+        return self._pieces[number], time - (self._ends[number - 1] if number else 0.0)
 
     @cached_property
     def _ends(self) -> list[float]:
-        return list(accumulate(s.duration for s in self._stretches))
+        return list(accumulate(s.duration for s in self._pieces))
 
     def value(self, time: float, before: float = 0.0) -> float:
         """Return the displacement (m) or force (N) at a time (s); the end value beyond the end.
@@ -100,8 +96,8 @@ class Program:
             before: The value that was there when the program last changed from displacements to
                 forces or back.
         """
-        segment, since = self._place(time)
-        return segment.path(since, before)
+        piece, since = self._place(time)
+        return piece.path(since, before)
 
     def second(self, time: float) -> float:
         """Return the displacement (m) of the second program at a time (s); zero without one."""
@@ -115,18 +111,18 @@ class Program:
         """Return the times (s) at which this program is where a shorter one is at a time (s).
 
         Args:
-            other: A program of some of these stretches, such as the largest of several cycles.
+            other: A program of some of these pieces, such as the largest of several cycles.
             time: s.
         """
-        stretch, since = other._place(time)
-        starts = zip((0.0, *self._ends), self._stretches, strict=False)
-        return [start + since for start, s in starts if s.ends == stretch.ends]
+        piece, since = other._place(time)
+        starts = zip((0.0, *self._ends), self._pieces, strict=False)
+        return [start + since for start, s in starts if s.ends == piece.ends]
 
     @cached_property
     def changes(self) -> dict[float, bool]:
         """Times (s) from which forces are prescribed after displacements (true), or the reverse."""
         time, force, found = 0.0, False, {}
-        for s, end in zip(self._stretches, self._ends, strict=True):
+        for s, end in zip(self._pieces, self._ends, strict=True):
             if s.force != force:
                 found[time] = s.force
             time, force = end, s.force
@@ -140,9 +136,9 @@ class Program:
 
     @property
     def cycles(self) -> list[tuple[float, float]]:
-        """Start and end (s) of each load cycle; other segments belong to none."""
+        """Start and end (s) of each load cycle; other pieces belong to none."""
         found, begun, time = [], 0.0, 0.0
-        for s, end in zip(self._stretches, self._ends, strict=True):
+        for s, end in zip(self._pieces, self._ends, strict=True):
             begun = time if s.starts_cycle else begun
             time = end
             if s.ends_cycle:
@@ -153,10 +149,10 @@ class Program:
     def reversals(self) -> frozenset[float]:
         """Planned times (s) from which an edge moves the other way; after a hold its end."""
         moves = []
-        for (start, end), (segment, _) in zip(
+        for (start, end), (piece, _) in zip(
             pairwise(self.milestones), self._places[1:], strict=True
         ):
-            first = segment.path(0.0, 0.0) if start.time in self.changes else start.value
+            first = piece.path(0.0, 0.0) if start.time in self.changes else start.value
             if end.value != first:
                 moves.append((start.time, end.value > first))
         others = self.beside.reversals if self.beside else ()
@@ -164,13 +160,13 @@ class Program:
         return frozenset((*own, *others))
 
 
-def program_of(stretches: Sequence[Segment]) -> Program:
-    """Return the program that runs through the stretches one after the other."""
-    places = [(stretches[0], 0.0)]
-    milestones = [Milestone(0.0, stretches[0].path(0.0, 0.0), stretches[0].jump)]
+def program_of(pieces: Sequence[Piece]) -> Program:
+    """Return the program that runs through the pieces one after the other."""
+    places = [(pieces[0], 0.0)]
+    milestones = [Milestone(0.0, pieces[0].path(0.0, 0.0), pieces[0].jump)]
     start = 0.0
-    for number, s in enumerate(stretches):
-        following = stretches[number + 1] if number + 1 < len(stretches) else None
+    for number, s in enumerate(pieces):
+        following = pieces[number + 1] if number + 1 < len(pieces) else None
         for i in range(1, s.steps + 1):
             last = i == s.steps
             since = s.duration if last else s.duration * i / s.steps  # the end bit for bit
@@ -178,7 +174,7 @@ def program_of(stretches: Sequence[Segment]) -> Program:
             places.append((s, since))
             milestones.append(Milestone(start + since, s.path(since, 0.0), jump))
         start += s.duration
-    return Program(tuple(milestones), tuple(stretches), tuple(places))
+    return Program(tuple(milestones), tuple(pieces), tuple(places))
 
 
 #: Difference of times, over the whole one, below which they are the same.
@@ -187,15 +183,15 @@ SAME = 1e-11
 SLACK = 1e-9
 
 
-def side_by_side(*programs: Sequence[Segment], extra: Sequence[float] = ()) -> list[list[Segment]]:
-    """Return the stretches of programs beside each other, with the same steps.
+def side_by_side(*programs: Sequence[Piece], extra: Sequence[float] = ()) -> list[list[Piece]]:
+    """Return the pieces of programs beside each other, with the same steps.
 
-    Each end of a stretch is a planned time, and so are extra times (s) before the last end.
+    Each end of a piece is a planned time, and so are extra times (s) before the last end.
     Between two of them there are as many equal steps as the finest program asks for. A shorter
     one stays where it ends.
 
     Args:
-        *programs: Stretches of the program, which has the cycles and may prescribe forces (N), and
+        *programs: Pieces of the program, which has the cycles and may prescribe forces (N), and
             of those beside it, displacements (m).
         extra: Times that steps shall end at, too.
     """
@@ -205,7 +201,7 @@ def side_by_side(*programs: Sequence[Segment], extra: Sequence[float] = ()) -> l
     for end in sorted(chain(*ends, extra)):
         if times[-1] + SAME * whole < end <= whole:
             times.append(end)
-    columns: list[list[Segment]] = [[] for _ in programs]
+    columns: list[list[Piece]] = [[] for _ in programs]
     for parts in zip(*(_cut(one, times) for one in programs), strict=True):
         steps, jump = max(s.steps for s in parts), any(s.jump for s in parts)
         for column, part in zip(columns, parts, strict=True):
@@ -213,19 +209,19 @@ def side_by_side(*programs: Sequence[Segment], extra: Sequence[float] = ()) -> l
     return columns
 
 
-def _cut(stretches: Sequence[Segment], times: Sequence[float]) -> Iterator[Segment]:
-    """Yield stretches cut at times (s) that all their ends are among; a hold after the last."""
-    slack, last = SAME * times[-1], stretches[-1]
-    ends = list(accumulate(s.duration for s in stretches))
+def _cut(pieces: Sequence[Piece], times: Sequence[float]) -> Iterator[Piece]:
+    """Yield pieces cut at times (s) that all their ends are among; a hold after the last."""
+    slack, last = SAME * times[-1], pieces[-1]
+    ends = list(accumulate(s.duration for s in pieces))
     if (rest := times[-1] - ends[-1]) > slack:
-        stay = Segment(rest, 1, lambda _, b: last.path(last.duration, b), True, force=last.force)
-        stretches, ends = [*stretches, stay], [*ends, times[-1]]
+        stay = Piece(rest, 1, lambda _, b: last.path(last.duration, b), True, force=last.force)
+        pieces, ends = [*pieces, stay], [*ends, times[-1]]
     for begin, end in pairwise(times):
         number = bisect_left(ends, (begin + end) / 2)
-        s, start = stretches[number], ends[number] - stretches[number].duration
+        s, start = pieces[number], ends[number] - pieces[number].duration
         first, final = begin - start <= slack, end >= ends[number] - slack
         since, until = 0.0 if first else begin - start, s.duration if final else end - start
-        yield Segment(
+        yield Piece(
             end - begin,
             max(1, ceil(s.steps * (until - since) / s.duration - SLACK)),
             partial(_within, s.path, since, until, end - begin),
@@ -254,7 +250,7 @@ BEFORE = None
 
 def cycle(
     base: float | None, amplitude: float, period: float, steps: int, force: bool = False
-) -> list[Segment]:
+) -> list[Piece]:
     """Return one cycle base + A/2 (1 - cos(2 pi t/T)), split at its reversal.
 
     Args:
@@ -273,20 +269,20 @@ def cycle(
         return at
 
     half = period / 2
-    halves = (Segment(half, steps // 2, path(t), jump=False, force=force) for t in (0.0, half))
+    halves = (Piece(half, steps // 2, path(t), jump=False, force=force) for t in (0.0, half))
     return load_cycle(list(halves))
 
 
 def ramp(
     start: float | None, end: float | None, duration: float, steps: int, force: bool = False
-) -> Segment:
+) -> Piece:
     """Return a straight line in time (s); a hold if both ends (m or N, or BEFORE) are equal."""
 
     def path(t: float, before: float) -> float:
         first, last = (before if value is None else value for value in (start, end))
         return last if t >= duration else first + (last - first) * (t / duration)
 
-    return Segment(duration, steps, path, jump=True, force=force)
+    return Piece(duration, steps, path, jump=True, force=force)
 
 
 def table(
@@ -295,8 +291,8 @@ def table(
     values: Sequence[float],
     divisions: Sequence[int] = (),
     force: bool = False,
-) -> list[Segment]:
-    """Return one stretch a row of a table, linear in between, beginning at ``start`` (m or N).
+) -> list[Piece]:
+    """Return one piece a row of a table, linear in between, beginning at ``start`` (m or N).
 
     The velocity counts as jumping where it changes by more than half of the larger
     of its values, as at a corner; not from row to row of a sampled smooth curve, and not where
@@ -325,67 +321,8 @@ def table(
     ]
 
 
-def load_cycle(stretches: Sequence[Segment]) -> list[Segment]:
-    """Return stretches that together are a load cycle."""
-    first, *others = stretches
+def load_cycle(pieces: Sequence[Piece]) -> list[Piece]:
+    """Return pieces that together are a load cycle."""
+    first, *others = pieces
     *between, last = others
     return [replace(first, starts_cycle=True), *between, replace(last, ends_cycle=True)]
-
-
-def program_of_case(case: Case) -> Program:
-    """Return the load program of a case, with the second one if it has one."""
-    first, *second = map(program_of, _plan(case))
-    return replace(first, beside=second[0]) if second else first
-
-
-def planned_steps(case: Case) -> int:
-    """Return the number of planned steps of a case."""
-    return sum(stretch.steps for stretch in _plan(case)[0])
-
-
-def _plan(case: Case) -> list[list[Segment]]:
-    """Return the stretches of each program, which take the same steps."""
-    plans = [_of_segments(p, case.time.steps_per_cycle) for p in case.programs.values()]
-    extra = case.time.extra_times
-    return side_by_side(*plans, extra=extra) if extra or len(plans) > 1 else plans
-
-
-def _of_segments(segments: Sequence[Any], per_cycle: int) -> list[Segment]:
-    """Return the stretches of segments, each of which starts where the last one ended."""
-    stretches: list[Segment] = []
-    position: float | None = 0.0
-    before = False
-    for segment, force in zip(segments, prescribe_forces(segments), strict=True):
-        position = position if force == before else None
-        added, position = _stretches(segment, position, per_cycle, force)
-        stretches, before = stretches + added, force
-    return stretches
-
-
-def _stretches(
-    segment: Any, start: float | None, per_cycle: int, force: bool = False
-) -> tuple[list[Segment], float | None]:
-    """Return a segment's stretches and the displacement (m) or force (N) at its end."""
-    match segment:
-        case Cycles():
-            turns = (cycle(start, a, period, per_cycle, force) for a, period in segment.turns())
-            return [stretch for turn in turns for stretch in turn], start
-        case Ramp(to=end, steps=steps):
-            duration = segment.duration or 1.0
-            if segment.velocity and start is not None:
-                duration = abs(end - start) / segment.velocity
-            return [ramp(start, end, duration, steps, force)], end
-        case Hold(duration=duration, steps=steps):
-            return [ramp(start, start, duration, steps, force)], start
-        case Trapezoid(repeat=repeat):
-            assert start is not None
-            position: float | None = start
-            once = list[Segment]()
-            for part in segment.parts(start):
-                added, position = _stretches(part, position, per_cycle)
-                once += added
-            return load_cycle(once) * repeat, start
-    assert isinstance(segment, Table)
-    samples = segment.samples
-    stretches = table(start, samples.times, samples.values, segment.divisions, force)
-    return stretches, samples.values[-1]

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import ufl
@@ -31,10 +31,8 @@ from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.memory import VariableSlopes
 from wovenfab.model.model import Model, preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.point_friction import PointSensitivity
 from wovenfab.stepping.schemes import Scheme
-
-if TYPE_CHECKING:
-    from wovenfab.solver.point_friction import PointSensitivity
 
 Array = NDArray[np.float64]
 #: Error of a solution in the energy norm, relative, where an older factor is used.
@@ -156,8 +154,6 @@ class TangentLinear:
             others = self._directions.others
             forms = sensitivity_forms(model, self.targets, self._directions)
             if stress:
-                from wovenfab.solver.point_friction import PointSensitivity
-
                 points = PointSensitivity(model, stress, self.targets, others)
             self._compiled[id(model)] = model, forms, points
         return self._compiled[id(model)]
@@ -222,7 +218,7 @@ class TangentLinear:
         """Put the derivative of the residual for fixed present state into the vector."""
         with self._b.localForm() as local:
             local.set(0.0)
-        for form in (*forms[f"residual {k}"], *forms["residual along"]):
+        for form in (*forms[f"residual {k}"].values(), *forms["residual along"].values()):
             fem_petsc.assemble_vector(self._b, form)
 
     def _dissipated(self, step: float, jump: bool) -> Array:
@@ -234,15 +230,15 @@ class TangentLinear:
         power, loss = np.zeros((2, len(self.targets)))
         for k in range(len(self.targets)):
             self._set(k)
-            power[k] = self._value((*forms[f"power {k}"], *forms["power along"]))
-            loss[k] = self._value((*forms[f"loss {k}"], *forms["loss along"])) / self._stage
+            power[k] = self._value(forms[f"power {k}"], forms["power along"])
+            loss[k] = self._value(forms[f"loss {k}"], forms["loss along"]) / self._stage
         trapezoidal = self._stage == 1 and not jump
         mean = (self._power + power) / 2 if trapezoidal else power
         self._power = power
         return np.asarray(step * mean + loss)
 
-    def _value(self, forms: Sum) -> float:
-        return assemble_scalar(forms, self._problem.model.comm) if forms else 0.0
+    def _value(self, *sums: Sum) -> float:
+        return sum(assemble_scalar(forms, self._problem.model.comm) for forms in sums if forms)
 
     def _sum(self, mine: Array) -> Array:
         return np.asarray(self._problem.model.comm.allreduce(mine))
@@ -362,7 +358,9 @@ def sensitivity_forms(
         sums[f"power {i}"] = [by_parameter(target, rated, power)]
         sums[f"loss {i}"] = [by_parameter(target, losing, loss)]
     present = {
-        name: [f for f in forms if isinstance(f, ufl.Form) and not _vanishes(f)]
+        name: {
+            str(i): f for i, f in enumerate(forms) if isinstance(f, ufl.Form) and not _vanishes(f)
+        }
         for name, forms in sums.items()
     }
     return compile_sums(present, model.comm)

@@ -266,8 +266,9 @@ class State:
         return [*known, *(known[-1] for _ in range(rest))]
 
     def _set_rate(self, weights: tuple[float, ...]) -> None:
-        for constant, weight in zip(self._model.rate_weights, weights, strict=True):
-            constant.value = weight
+        constants = self._model.rate_weights
+        for i, constant in enumerate(constants):
+            constant.value = weights[i] if i < len(weights) else 0.0
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 

@@ -8,19 +8,20 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from wovenfab.model.model import preserved
+from wovenfab.solver.diagnosis import diagnose, unsound_penalty
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.energy_balance import EnergyBalance
+from wovenfab.stepping.force_control import ForceControl
 from wovenfab.stepping.program import Milestone, Program
 from wovenfab.stepping.schemes import Scheme, StepError, TimeErrorEstimator
+from wovenfab.stepping.sensitivity import TangentLinear
 from wovenfab.stepping.stability import Stability, StabilityLoss, StabilityLostError, Treatment
 from wovenfab.stepping.state import Array, State, equilibrate
 from wovenfab.stepping.step import Step, StepFailedError, StepSizeControl, UnsoundSheetError
 
 if TYPE_CHECKING:
     from wovenfab.forms.effect import Target
-    from wovenfab.stepping.sensitivity import TangentLinear
-
 logger = logging.getLogger(__name__)
 
 
@@ -124,8 +125,6 @@ class TimeStepper:
         Raises:
             TargetError: If the scene has no such parameter.
         """
-        from wovenfab.stepping.sensitivity import TangentLinear
-
         self.destroy()
         self._tangent_linear = TangentLinear(self._solver, self._scheme, targets, **more)
 
@@ -137,8 +136,6 @@ class TimeStepper:
 
     def control_force(self) -> None:
         """Find the displacement from the force where the program is a force; collective."""
-        from wovenfab.stepping.force_control import ForceControl
-
         self._state.force_control = ForceControl(self._solver, self._stability.refuses)
 
     def steps(self) -> Iterator[Step]:
@@ -265,8 +262,6 @@ class TimeStepper:
                 step_size.bisect(until, length)
             elif not step_size.reduce(length, planned):
                 self._check_limit_point(until)
-                from wovenfab.solver.diagnosis import diagnose
-
                 diagnosis = diagnose(self._solver, result, state.states[0])
                 second = self._program.second(until)
                 raise StepFailedError(
@@ -295,8 +290,6 @@ class TimeStepper:
         """Refuse a penalty that makes the sheet at rest unstable, whatever the solve gave."""
         if self._problem.model.balance.penalty is None:
             return
-        from wovenfab.solver.diagnosis import unsound_penalty
-
         field = self._problem.model.field
         with preserved(field):
             field.x.array[:] = self._state.states[0]

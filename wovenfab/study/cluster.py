@@ -26,7 +26,7 @@ from uuid import uuid4
 
 from wovenfab.case import Case, refusal
 from wovenfab.case.document import parse_document
-from wovenfab.record.fingerprint import case_files
+from wovenfab.case.fingerprint import case_files
 from wovenfab.record.results import (
     CHECKPOINT,
     CHOICES,

@@ -21,12 +21,12 @@ from petsc4py import PETSc
 
 from wovenfab.case import Case, CaseError
 from wovenfab.case.formula import Expression, coefficients
+from wovenfab.case.objects import differentiate, simulation_of
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.solver.problem import TANGENT
 from wovenfab.stepping.step import Step
 from wovenfab.study.target_accuracy.choice import settled
@@ -72,7 +72,7 @@ def measure(case: Case, sheet: Sheet) -> Cost:
     with ExitStack() as stack:
         with _empty_cache(sheet.mesh.comm):
             start = time.perf_counter()
-            simulation = stack.enter_context(Simulation(case, sheet, "ignore"))
+            simulation = stack.enter_context(simulation_of(case, sheet, "ignore"))
             compiled = time.perf_counter() - start
         PETSc.Log.begin()
         tangent, factor = _Event(TANGENT), _Event("MatCholFctrNum")
@@ -311,8 +311,8 @@ def sensitivities(
     """
     rows: list[dict[str, float]] = []
     case, sheet = settled(case, comm, say)
-    with Simulation(case, sheet) as simulation:
-        simulation.differentiate(targets)
+    with simulation_of(case, sheet) as simulation:
+        differentiate(simulation, case, targets)
         for step in simulation.steps():
             assert step.derivatives is not None
             row = {

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
-from wovenfab.record.fingerprint import fingerprint
+from wovenfab.case.fingerprint import fingerprint
+from wovenfab.case.program import steps_of_case
 from wovenfab.record.history import HISTORY
 from wovenfab.record.results import FINISHED, fingerprint_of, markdown, outcome_of, write_csv
 from wovenfab.record.summary import read_summary
-from wovenfab.stepping.program import planned_steps
 from wovenfab.study.cluster import Cluster, command_of, take
 from wovenfab.study.runner import Command, Ended, execute_all
 from wovenfab.study.variations import LOG, OVER, RENAME, Variation, folder_of_run
@@ -42,7 +42,7 @@ class Member:
     @property
     def steps(self) -> int:
         """Number of planned load steps."""
-        return planned_steps(self.case)
+        return steps_of_case(self.case)
 
     @property
     def weight(self) -> float:

@@ -10,12 +10,11 @@ from mpi4py import MPI
 
 from benchmarks.hard.pictures import draw_long
 from benchmarks.hard.row import Bound, Family, Figures, Row, Setting
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.record.history import read_history
 from wovenfab.record.results import open_results
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import Progress, Stopwatch
 from wovenfab.simulation.run import run
-from wovenfab.simulation.simulation import Simulation
 
 #: Cycle from which loops must repeat, and from which memory may not grow.
 RUN_IN, SETTLED = 2, 5
@@ -32,7 +31,7 @@ def cycles(setting: Setting) -> Figures:
 
     with TemporaryDirectory() as folder:
         directory = open_results(Path(folder) / "run", overwrite=True)
-        with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+        with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
             outcome, _, summary = run(simulation, directory, report, Stopwatch())
         history = read_history(directory)
     memory = memory[1:]  # the first is at the start

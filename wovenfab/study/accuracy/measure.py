@@ -22,23 +22,23 @@ from dolfinx import fem
 from mpi4py import MPI
 
 from wovenfab.case import Case, read_case
+from wovenfab.case.fingerprint import fingerprint
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import cache_folder, compile_form
 from wovenfab.model.model import Model
-from wovenfab.record.fingerprint import fingerprint
 from wovenfab.record.results import has_checkpoint
 from wovenfab.simulation.checkpoint import Checkpoints, load_checkpoint
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import (
     InterruptedRunError,
     Interruption,
     Stopwatch,
     peak_memory,
 )
-from wovenfab.simulation.response import interpolated_peak_force
-from wovenfab.simulation.simulation import Outcome, Simulation
+from wovenfab.simulation.simulation import Outcome
 from wovenfab.stepping.step import Step
 from wovenfab.study.accuracy.settings import Setting
+from wovenfab.study.response import interpolated_peak_force
 from wovenfab.study.runner import Command, Store, execute
 
 PEAK_FORCE, DISSIPATED, RMS_BETA = "peak_force_interpolated_N", "dissipated_J", "rms_beta_m"
@@ -143,7 +143,7 @@ def measure(case: Case, folder: Path | None = None) -> Measured:
         InterruptedRunError: A signal ended the run; its last state is in the folder.
     """
     before, start = _kernels(), time.perf_counter()
-    with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+    with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
         slip = RmsBeta(simulation.model)
         setup = time.perf_counter() - start
         if folder is not None and _kernels() != before:

@@ -9,10 +9,10 @@ from itertools import count
 from math import log2
 
 from wovenfab.case import Case, Rectangle
+from wovenfab.case.program import steps_of_case
 from wovenfab.case.quantities import plain
-from wovenfab.simulation.response import with_steps
-from wovenfab.stepping.program import planned_steps
 from wovenfab.stepping.schemes import SCHEMES, Scheme
+from wovenfab.study.response import with_steps
 
 #: Cells across a rectangle's shorter side with which the mesh sizes start, roughly.
 _FIRST_CELLS = {"fibres": 2, "crossed": 5, "right": 5, "unstructured": 5}
@@ -153,7 +153,7 @@ def _finer_steps(
     name = f"{scheme.name}, adaptive" if adaptive else scheme.name
     for level in count():
         with_these = planned(case, COARSEST if adaptive else COARSEST * 2**level)
-        what, size, tolerance = f"{planned_steps(with_these)} steps", None, "null"
+        what, size, tolerance = f"{steps_of_case(with_these)} steps", None, "null"
         if adaptive:
             error = _FIRST_TOLERANCE / 2 ** (scheme.order * level)
             what, tolerance = f"tolerance {100 * error:.2g} %", f"{error:.6g}"

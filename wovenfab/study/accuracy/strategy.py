@@ -13,11 +13,11 @@ from itertools import islice, product
 from math import inf, sqrt
 
 from wovenfab.case import Case, CaseError
-from wovenfab.simulation.response import has_fixed_steps
 from wovenfab.study.accuracy.errors import Combined, Pair, best_of, forecast, worst
 from wovenfab.study.accuracy.measure import Measured
 from wovenfab.study.accuracy.settings import Setting, in_space, in_time
 from wovenfab.study.accuracy.study import TARGETS, Run, Study, refinements
+from wovenfab.study.response import has_fixed_steps
 
 #: A method ends when its own error is this share of the least target.
 _ENOUGH = 0.02

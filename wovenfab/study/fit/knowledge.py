@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from wovenfab.record.history import bias_extension_of
+from wovenfab.case.specimen import bias_extension_of
 from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
 from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison

@@ -17,10 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, CaseError
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import end_with_parent
-from wovenfab.record.fingerprint import fingerprint
-from wovenfab.simulation.response import with_elements, with_steps
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.response import (
@@ -32,6 +31,7 @@ from wovenfab.study.fit.response import (
     computed,
     curve_of,
 )
+from wovenfab.study.response import with_elements, with_steps
 from wovenfab.study.runner import Store, Submit, signals_to_end
 
 Array = NDArray[np.float64]

@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 
 from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, reversed_force, said
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.simulation import Simulation
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -96,9 +95,9 @@ def computed(case: Case, targets: Sequence[Target]) -> Curve:
     started = perf_counter()
     steps: list[Step] = []
     try:
-        with Simulation(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
+        with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
             if targets:
-                simulation.differentiate(targets, dissipation=False)
+                differentiate(simulation, case, targets, dissipation=False)
             # Where a step was cut, others lie between: they would change the interpolation.
             steps.extend(step for step in simulation.steps() if step.milestone is not None)
     except (CaseError, StepFailedError, StabilityLostError) as error:

@@ -27,13 +27,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.case import Case, Cycles
+from wovenfab.case.fingerprint import code, contents_of, digest
+from wovenfab.case.objects import sheet_of
 from wovenfab.parallel import by_first, on_root
-from wovenfab.record.fingerprint import code, contents_of, digest
 from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
-from wovenfab.simulation.response import missed_peak
+from wovenfab.study.response import missed_peak
 from wovenfab.study.target_accuracy.estimate import PEAK, Estimate, stated_error
 from wovenfab.study.target_accuracy.plan import USUAL_ACCURACY, Plan, Start, plan
 from wovenfab.study.target_accuracy.time_steps import ALMOST
@@ -161,7 +161,7 @@ def expected_seconds(case: Case, slowness: float) -> float:
     known = traits(case)
     trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
     segments = chain(*case.programs.values())
-    cycles = sum(s.count for s in segments if isinstance(s, Cycles))
+    cycles = sum(s.segment(2).count for s in segments if isinstance(s, Cycles))
     return slowness * (trials + run * max(1, cycles))
 
 

@@ -32,7 +32,7 @@ from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.lattice import Lattice
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.response import (
+from wovenfab.study.response import (
     Budget,
     Response,
     peak_of_spline,

@@ -10,11 +10,13 @@ from math import inf
 from mpi4py import MPI
 
 from wovenfab.case import Case
+from wovenfab.case.objects import sheet_of
 from wovenfab.model.spaces import placements_on
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import sheet_of
 from wovenfab.simulation.progress import memory, memory_of_machines
-from wovenfab.simulation.response import (
+from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.response import (
     GROWTH,
     Budget,
     Response,
@@ -23,8 +25,6 @@ from wovenfab.simulation.response import (
     trial_of,
     with_elements,
 )
-from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
     FEW,
     DegreeRefinement,

@@ -16,11 +16,14 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
+from wovenfab.case.objects import scheme_of, sheet_of
+from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
 from wovenfab.parallel import by_first
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import scheme_of, sheet_of
-from wovenfab.simulation.response import (
+from wovenfab.stepping.stability import StabilityLostError
+from wovenfab.stepping.step import StepFailedError
+from wovenfab.study.response import (
     Budget,
     Response,
     TooLongError,
@@ -33,9 +36,6 @@ from wovenfab.simulation.response import (
     with_extra_times,
     with_steps,
 )
-from wovenfab.stepping.program import program_of_case
-from wovenfab.stepping.stability import StabilityLostError
-from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.target_accuracy.estimate import (
     PEAK,
     SAFETY,

@@ -11,11 +11,10 @@ from math import ceil, inf, log
 from mpi4py import MPI
 
 from wovenfab.case import Case
+from wovenfab.case.objects import follows_fibres, simulation_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.simulation.from_case import follows_fibres
 from wovenfab.simulation.progress import memory
-from wovenfab.simulation.response import GROWTH, with_elements
-from wovenfab.simulation.simulation import Simulation
+from wovenfab.study.response import GROWTH, with_elements
 
 #: Returns the sheet of a case; collective over the communicator.
 Mesher = Callable[[Case, MPI.Comm], Sheet]
@@ -181,6 +180,6 @@ def compile_ahead(
     with suppress(Exception):
         sheet = mesher(case, MPI.COMM_SELF)
         for degree in degrees[comm.rank - 1 :: comm.size - 1]:
-            with Simulation(with_elements(case, degree=degree), sheet):
+            with simulation_of(with_elements(case, degree=degree), sheet):
                 pass
             yield degree

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case, Cycles, Ramp
+from wovenfab.case.objects import simulation_of
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.progress import InterruptedRunError
-from wovenfab.simulation.simulation import Outcome, Simulation
+from wovenfab.simulation.simulation import Outcome
 from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]
@@ -222,7 +223,7 @@ def response_of(
     steps: list[Step] = []
     states: dict[float, Array] = {}
     budget = budget or Budget()
-    with Simulation(case, sheet, model=model) as simulation:
+    with simulation_of(case, sheet, model=model) as simulation:
         newton, unknowns, counted = simulation.solver.newton, simulation.model.unknowns, 0
         simulation.stepper.measures_energy = False  # no figure is made of it
         field = simulation.model.field.x.array

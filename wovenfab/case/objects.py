@@ -1,16 +1,16 @@
-"""From a case to the sheet, model, constraints and solver that it describes.
+"""From a case to the sheet, model and simulation that it describes.
 
 Numbers stay numbers, formulas become functions of the position.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from math import inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import ufl
 from mpi4py import MPI
@@ -28,12 +28,21 @@ from wovenfab.case import (
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
 from wovenfab.case.formula import VARIABLES, coefficients, with_change
-from wovenfab.forms.effect import Target
-from wovenfab.model.constraints import Constraints, EdgeLoad, Grip, Held
-from wovenfab.model.fields import extent, misplaced
+from wovenfab.case.limits import require_memory, require_possible
+from wovenfab.case.program import program_of_case
+from wovenfab.case.resume import identity_of, state_of
+from wovenfab.case.specimen import bias_extension_of
+from wovenfab.forms.effect import Target, Term
+from wovenfab.model.constraints import Condition, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
+from wovenfab.model.probes import extent, misplaced
 from wovenfab.parallel import agree, by_first
+from wovenfab.record.output import Output
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
+from wovenfab.sheet.geometry_file import GeometryFile, from_file, outline_from_file
+from wovenfab.sheet.gmsh_io import graded_rectangle
+from wovenfab.sheet.msh import stated_points
+from wovenfab.sheet.probes import Probe
 from wovenfab.sheet.sheet import (
     GeometryError,
     Sheet,
@@ -42,12 +51,13 @@ from wovenfab.sheet.sheet import (
     rectangle,
     rectangle_outline,
 )
-from wovenfab.simulation.progress import require_possible
-from wovenfab.solver.problem import SolverOptions
+from wovenfab.simulation.simulation import Simulation
+from wovenfab.solver.equilibrium import EquilibriumSolver
+from wovenfab.solver.problem import OptionError, Problem, SolverOptions
 from wovenfab.stepping.schemes import SCHEMES, Scheme
-
-if TYPE_CHECKING:
-    from wovenfab.sheet.geometry_file import GeometryFile
+from wovenfab.stepping.sensitivity import TargetError
+from wovenfab.stepping.stability import Treatment
+from wovenfab.stepping.step import StepSizeControl
 
 #: What the functions of a formula mean in UFL.
 UFL_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
@@ -102,8 +112,6 @@ def in_case(target: Target, case: Case) -> Target:
     formula = value[target.families[0]] if isinstance(value, tuple) else value
     if not target.coefficient:
         return target
-    from wovenfab.stepping.sensitivity import TargetError  # no part of a plain run
-
     if not isinstance(formula, Expression) or target.coefficient > len(coefficients(formula)):
         raise TargetError(f"{target} is no parameter of this scene: no formula has it")
     return replace(target, along=partial(_by_coefficient, formula, target.coefficient))
@@ -125,7 +133,7 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     with geometry_problems(case):
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     require_edges(case, sheet.edges)
-    faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, case.output.probes)]
+    faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, probes_of(case))]
     if faults:
         x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
         where = f"Positions are those at rest; the sheet has x from {x} and y from {y}."
@@ -147,13 +155,9 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         assert size is not None  # a case that has been read has one
         points = 2 * case.sheet.length * case.sheet.width / size**2
     elif case.sheet.file.suffix.lower() == ".msh":
-        from wovenfab.sheet.msh import stated_points
-
         path = case.sheet.file
         points = by_first(comm, lambda: stated_points(path))
     else:
-        from wovenfab.sheet.geometry_file import outline_from_file
-
         with geometry_problems(case):
             outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
         require_edges(case, {name for _, _, name in outline.segments() if name is not None})
@@ -192,8 +196,6 @@ def follows_fibres(case: Case) -> bool:
 
 def geometry_of(sheet: SheetFile) -> GeometryFile:
     """Return the file of a sheet with what the case says of it."""
-    from wovenfab.sheet.geometry_file import GeometryFile
-
     named = sheet.edges or {}
     return GeometryFile(sheet.file, sheet.length_unit, sheet.file_parameters, named)
 
@@ -205,14 +207,10 @@ def _as_given(case: Case, comm: MPI.Comm) -> Sheet:
         length, width = case.sheet.length, case.sheet.width
         assert d.mesh_size is not None  # a case that has been read has one
         if d.mesh == "unstructured":
-            from wovenfab.sheet.gmsh_io import graded_rectangle
-
             parts = graded_rectangle(comm, length, width, d.mesh_size, d.corner_size)
         else:
             parts = rectangle(comm, length, width, d.mesh_size, d.mesh or "crossed")
     else:
-        from wovenfab.sheet.geometry_file import from_file
-
         parts = from_file(comm, geometry_of(case.sheet), d.mesh_size)
     return Sheet(*parts, directions(case.sheet.fibres))
 
@@ -224,8 +222,6 @@ def _aligned(case: Case, comm: MPI.Comm) -> Sheet:
         outline = rectangle_outline(case.sheet.length, case.sheet.width)
         size = d.mesh_size
     else:
-        from wovenfab.sheet.geometry_file import outline_from_file
-
         outline, size = outline_from_file(comm, geometry_of(case.sheet), d.mesh_size)
     assert size is not None
     return aligned_sheet(
@@ -265,34 +261,29 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         CaseError: If a user's own effect cannot be compiled, on every rank.
     """
     d = case.discretisation
-    conditions = list(conditions_of(case.boundary))
-    rotations = [
-        [name for name, _, edge in conditions if edge.rotation and family in edge.families]
-        for family in (1, 2)
+    values = [
+        {name: _for_model(value) for name, value in term.values.items()} for term in case.scene
     ]
-    loads = [
-        EdgeLoad(name, _families_of(edge), _for_model(edge.force))
-        for name, _, edge in conditions
-        if edge.force is not None
-    ]
+    terms = [Term(term.effect, of) for term, of in zip(case.scene, values, strict=True)]
+    numerics = Numerics(
+        degree=d.degree,
+        quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
+        penalty=None if d.penalty == "auto" else d.penalty,
+        history=scheme_of(case).memory,
+        mixed=case.solver.tangent == "mixed",
+    )
     with _custom_effect_errors(case):
-        return build_model(
-            sheet,
-            [term.effect for term in case.scene],
-            {
-                term.name: {name: _for_model(value) for name, value in term.values.items()}
-                for term in case.scene
-            },
-            Numerics(
-                degree=d.degree,
-                quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,
-                penalty=None if d.penalty == "auto" else d.penalty,
-                history=scheme_of(case).memory,
-                mixed=case.solver.tangent == "mixed",
-            ),
-            (rotations[0], rotations[1]),
-            loads,
-        )
+        return build_model(sheet, terms, list(_conditions(case)), numerics)
+
+
+def _conditions(case: Case) -> Iterator[Condition]:
+    for name, _, edge in conditions_of(case.boundary):
+        families = _families_of(edge)
+        x, y = map(held_of, edge.components)
+        yield Grip(name, (x, y), families, edge.rotation)
+        if edge.force is not None:
+            fx, fy = map(_for_model, edge.force)
+            yield EdgeLoad(name, families, (fx, fy))
 
 
 def require_values(case: Case, model: Model) -> None:
@@ -315,15 +306,6 @@ def require_values(case: Case, model: Model) -> None:
         raise CaseError([case.problem("effects", message, remedy)])
 
 
-def constraints_of(case: Case, model: Model) -> Constraints:
-    """Return the prescribed placements of a case."""
-    grips = [
-        Grip(name, (held_of(edge.components[0]), held_of(edge.components[1])), _families_of(edge))
-        for name, _, edge in conditions_of(case.boundary)
-    ]
-    return Constraints(model.placements, model.sheet, grips)
-
-
 def _families_of(edge: EdgeCondition) -> tuple[int, ...]:
     """Return the families that a condition is for, counted from 0."""
     return tuple(family - 1 for family in edge.families)
@@ -336,6 +318,93 @@ def options_of(case: Case) -> SolverOptions:
         s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
     )
     return options if s.factor == "kept" else replace(options, keep_from=inf)
+
+
+def probes_of(case: Case) -> dict[str, Probe]:
+    """Return the probes of a case by name."""
+    return {name: probe.probe for name, probe in case.output.probes.items()}
+
+
+def output_of(case: Case) -> Output:
+    """Return what a case writes."""
+    o = case.output
+    return Output(
+        fields=o.fields,
+        every=o.every,
+        probes=probes_of(case),
+        checkpoint=o.checkpoint,
+        texts={"case.yaml": case.to_yaml()},
+        identity=identity_of(case),
+        specimen=bias_extension_of(case),
+    )
+
+
+def simulation_of(
+    case: Case,
+    sheet: Sheet,
+    stability: Treatment | None = None,
+    options: SolverOptions | None = None,
+    solver: type[EquilibriumSolver] = EquilibriumSolver,
+    step_size: Callable[[float], StepSizeControl] = StepSizeControl,
+    model: Model | None = None,
+    resumes: bool = False,
+) -> Simulation:
+    """Return the simulation of a case on its sheet; collective.
+
+    Args:
+        case: The validated case.
+        sheet: Its meshed sheet.
+        stability: What is done where stability is lost, if not what the case says.
+        options: Of the solver, if not those of the case.
+        solver: Another solver, for comparison.
+        step_size: Another step size control, for comparison.
+        model: The compiled model of a case that differs in program and steps only; its state
+            is lost, for stepping begins at that of reference.
+        resumes: It will go on from a checkpoint, not from the state that the case starts from.
+
+    Raises:
+        CaseError: If an effect cannot be compiled or has no value, PETSc cannot use an option,
+            or there is no state to start from.
+    """
+    if model is None:
+        model = model_of(case, sheet)
+        require_memory(case, model.unknowns, model.comm)
+        require_values(case, model)
+    try:
+        simulation = Simulation(
+            Problem(model),
+            program_of_case(case),
+            case.time.scheme,
+            stability=stability or case.solver.stability,
+            options=options or options_of(case),
+            smallest_step=case.time.smallest_step,
+            tolerance=case.time.tolerance,
+            extrapolate=case.solver.predictor == "quadratic",
+            output=output_of(case),
+            solver=solver,
+            step_size=step_size,
+        )
+    except OptionError as error:
+        remedy = "They stand in solver.petsc, after -- on the command line or in PETSC_OPTIONS."
+        raise CaseError([case.problem("solver.petsc", str(error), remedy)]) from error
+    if case.from_state is not None and not resumes:
+        simulation.start_at(state_of(case, model))
+    return simulation
+
+
+def differentiate(
+    simulation: Simulation, case: Case, targets: Sequence[Target], dissipation: bool = True
+) -> None:
+    """Give each step of the simulation of a case its derivatives by parameters; collective.
+
+    Raises:
+        CaseError: If the program prescribes a force.
+        TargetError: If the scene has no such parameter.
+    """
+    if simulation.program.changes:
+        message = "derivatives by parameters are not available where a force is prescribed"
+        raise CaseError([case.problem("program", message, "Prescribe displacements.")])
+    simulation.differentiate([in_case(target, case) for target in targets], dissipation)
 
 
 def scheme_of(case: Case) -> Scheme:

@@ -24,8 +24,8 @@ from wovenfab.versions import dolfinx
 
 #: The parts of wovenfab that compute; those above them only start runs and read results.
 COMPUTING = (
-    *("lacking", "mpi", "versions", "parallel", "plain_text", "compat", "case", "measured"),
-    *("sheet", "model", "solver", "stepping", "record", "simulation"),
+    *("lacking", "mpi", "versions", "parallel", "plain_text", "compat"),
+    *("sheet", "model", "solver", "stepping", "record", "simulation", "case", "measured"),
 )
 #: What chooses elements and steps for an accuracy.
 CHOOSING = "study/target_accuracy"
