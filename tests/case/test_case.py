@@ -179,7 +179,7 @@ RIGHT = st.builds(
 )
 TOP = st.builds(
     lambda x, y, held: {"force": [x, y], "rotation": held},
-    ANY | st.just("9 Pa*program"), st.just("10 N/m*sin(x/1 m)"),
+    ANY.map("{!r} N/m".format) | st.just("9 Pa*program"), st.just("10 N/m*sin(x/1 m)"),
     st.sampled_from(["free", "held"]),
 )  # fmt: skip
 
@@ -189,7 +189,10 @@ def _value(p: Parameter) -> st.SearchStrategy[Any]:
     least = st.floats(min_value=2, max_value=1e12)
     unit = "" if p.unit == "1" else p.unit
     formula = least.map(lambda v: f"{v!r} {unit} * (1 + x/1 m)")
-    return st.lists(least | formula, min_size=2, max_size=2) if p.per_family else least | formula
+    if not p.per_family:
+        return least | formula
+    written = least.map(lambda v: f"{v!r} {unit}") | formula  # in a list all have units, or none
+    return st.lists(least, min_size=2, max_size=2) | st.lists(written, min_size=2, max_size=2)
 
 
 PARAMETERS: dict[str, st.SearchStrategy[Any]] = {

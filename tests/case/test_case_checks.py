@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from inspect import signature
 from itertools import combinations
 from pathlib import Path
 
@@ -12,7 +13,8 @@ from ruamel.yaml import YAML
 
 from tests import scenes
 from tests.case.reading import WriteCase
-from wovenfab.case import CaseError, read_case
+from wovenfab.case import Case, CaseError, read_case
+from wovenfab.case.checks import COMBINATIONS
 from wovenfab.case.objects import model_of, sheet_of
 from wovenfab.solver.problem import Problem
 
@@ -87,3 +89,9 @@ def test_a_combination_that_is_taken_is_stable_at_rest(
     least = np.linalg.eigvalsh((dense + dense.T) / 2 / np.outer(scale, scale))[0]
     matrix.destroy()
     assert least > 1e-8
+
+
+def test_each_check_of_a_combination_gets_the_sections_that_it_names() -> None:
+    for rule, names in COMBINATIONS:
+        assert (*signature(rule).parameters,) == names
+        assert {*names} <= Case.model_fields.keys()

@@ -14,7 +14,7 @@ from tests.case.reading import EXAMPLE, WriteCase, again, told
 from tests.cli.test_commands import rows, wovenfab
 from wovenfab import forms
 from wovenfab.case import Case, CaseError, read_case
-from wovenfab.case.custom_effects import REMEDY
+from wovenfab.case.custom_effects import REMEDY, custom_effect_errors
 from wovenfab.record.summary import read_summary
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -83,13 +83,20 @@ def test_what_is_wrong_is_told_with_both_lines(
     assert told(path) == says.replace("<remedy>", REMEDY)
 
 
-def test_a_file_that_takes_too_long_is_refused(
-    example: str, write_case: WriteCase, monkeypatch: pytest.MonkeyPatch
+def test_a_function_that_fails_where_a_model_is_built_is_told_with_its_line(
+    example: str, write_case: WriteCase
 ) -> None:
-    monkeypatch.setattr("wovenfab.case.custom_effects.PATIENCE", 0.5)
     path = write_case(example.replace(COUPLING, DRAG))
-    Path("drag.py").write_text("while True: pass")
-    assert "it was not ready after 0.5 s" in told(path)
+    Path("drag.py").write_text(OWN)
+    scene = read_case(path).scene
+    with pytest.raises(CaseError, match=r"^drag.py:11: .*KeyError: 'factor'.* UFL"):  # noqa: SIM117
+        with custom_effect_errors(scene):
+            scene[-1].effect.dissipation(1.0, {})
+    with pytest.raises(CaseError, match=r"^drag.py: .*RuntimeError: no memory"):  # noqa: SIM117
+        with custom_effect_errors(scene):
+            raise RuntimeError("no memory")
+    with pytest.raises(RuntimeError), custom_effect_errors(scene[:-1]):
+        raise RuntimeError
 
 
 REMEMBER = """\

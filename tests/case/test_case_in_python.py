@@ -157,6 +157,37 @@ def test_a_copy_with_other_sections_stays_so_when_it_is_changed(name: str) -> No
         assert read_case(case.path, copy.overrides) == copy
 
 
+@pytest.mark.parametrize("name", ["bias-1x3", "picture-frame", "force-cycles", "programs/measured"])
+def test_what_a_case_says_reads_as_the_case(name: str) -> None:
+    case = read_case(CONFIGS / f"{name}.yaml")
+    assert case.changed() == case
+    assert Case(**case.data).to_yaml() == case.to_yaml() == case.changed().to_yaml()
+    assert case.changed().remarks() == case.remarks()
+
+
+def test_values_that_depend_on_others_follow_them_unless_given() -> None:
+    case = read_case(CONFIGS / "bias-1x3.yaml", ["discretisation=null", "output=null"])
+    half = case.changed({"sheet.width": case.sheet.width / 2, "effects.slip_friction": None})
+    assert half.discretisation.mesh_size == case.discretisation.mesh_size / 2
+    kept = case.model_copy(update={"discretisation": case.discretisation})
+    assert kept.changed("sheet.width=0.15 m").discretisation == case.discretisation
+    plain = case.changed("time=null")
+    assert plain.changed("accuracy=1 %").changed("accuracy=null") == plain
+
+
+def test_problems_of_a_changed_case_have_their_lines(example: str, write_case: WriteCase) -> None:
+    """A short form is written out in the model; its line is that of the short form."""
+    path = write_case(example)
+    case = read_case(path).changed("output.every=3")
+    assert str(case.problem("boundary.right.displacement.0", "no")) == str(
+        read_case(path).problem("boundary.right.displacement.0", "no")
+    )
+    with pytest.raises(CaseError, match=r"^case.yaml:\d+: boundary.left: .*"):
+        case.changed("boundary.left.rotation=held", "effects.bending=null")
+    with pytest.raises(CaseError, match=r"^--set program.amplitudes.0: must be positive"):
+        case.changed("program.0.amplitudes=[-1 mm]")
+
+
 def test_a_copy_without_its_accuracy_does_not_get_it_back() -> None:
     case = read_case(CONFIGS / "elastic-1x3.yaml", ["accuracy=1 %", "discretisation=null"])
     chosen = case.discretisation.model_copy(update={"degree": 4, "mesh_size": 0.05})

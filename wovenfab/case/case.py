@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from functools import cache, reduce
 from io import StringIO
@@ -32,9 +32,11 @@ from wovenfab.case.checks import findings
 from wovenfab.case.document import (
     FROM,
     Document,
+    Places,
     existing_file,
     folder_of,
     override,
+    paths_in,
     resolved_document,
 )
 from wovenfab.case.effects import (
@@ -71,11 +73,15 @@ CELLS = {"fibres": 4, "crossed": 10, "right": 10, "unstructured": 10}
 CHOSEN = {"discretisation": {"degree", "mesh_size"}, "time": {"steps_per_cycle", "tolerance"}}
 
 
+#: Keys of sections whose values depend on other sections unless they are given.
+_DERIVED = {"discretisation": ("mesh", "mesh_size"), "output": ("fields",)}
+
+
 @dataclass(frozen=True)
 class _Origin:
     """Where a case is from, which says nothing on whether two cases are equal."""
 
-    document: Document = dataclass_field(compare=False)
+    places: Places = dataclass_field(compare=False)
     path: Path | None = dataclass_field(compare=False)
     overrides: tuple[str, ...] = dataclass_field(default=(), compare=False)
 
@@ -85,7 +91,10 @@ def _folder(value: Any, info: ValidationInfo) -> Path | None:
 
 
 class Case(Section):
-    """A case of wovenfab. A value is a plain number in SI units or a text with its unit."""
+    """A case of wovenfab. A value is a plain number in SI units or a text with its unit.
+
+    Its sections are all there is to it; of the file it keeps where each value was written.
+    """
 
     title: str = Field(default="", examples=["Bias extension 1:3"])
     """One line for people."""
@@ -144,7 +153,7 @@ class Case(Section):
         Raises:
             CaseError: With everything that is wrong, by key.
         """
-        self._read(_Origin(Document(plain(data), "", {}), None))
+        self._read(Document.of(plain(data)), None)
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
@@ -164,9 +173,9 @@ class Case(Section):
         return self._origin.overrides
 
     @property
-    def data(self) -> Any:
-        """What the case says with all that it takes over, as it is written, without defaults."""
-        return self._origin.document.data
+    def data(self) -> dict[str, Any]:
+        """What the case says with all that it takes over, as plain data, without defaults."""
+        return self._written(exclude_unset=True)
 
     @property
     def needs(self) -> Needs:
@@ -192,7 +201,7 @@ class Case(Section):
 
     def problem(self, key: str, message: str, remedy: str = "") -> Problem:
         """Return a problem with the file and line of its key; arguments as in ``Problem``."""
-        return self._origin.document.problem(key_path(key), message, remedy)
+        return self._origin.places.problem(key_path(key), message, remedy)
 
     def changed(self, *overrides: str | Mapping[str, Any]) -> Case:
         """Return the same case with further overrides, checked again.
@@ -201,33 +210,23 @@ class Case(Section):
             CaseError: With everything that is wrong with it.
         """
         more = tuple(text for one in overrides for text in _listed(one))
-        origin = self._origin
-        document = reduce(_overridden, more, origin.document)
-        return _case(_Origin(document, origin.path, (*origin.overrides, *more)))
+        document = reduce(_overridden, more, Document.of(self.data, self._origin.places))
+        return _case(document, self.path, (*self.overrides, *more))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return the same case with other sections, as given: unlike ``changed`` it checks nothing.
 
         What the copy says is what its sections are, also to ``changed``.
         """
+        update = {name: _as_given(name, value) for name, value in (update or {}).items()}
         copy = super().model_copy(update=update, deep=deep)
         if update:
-            written, origin = copy._written(set(update)), self._origin
-            fields = type(self).model_fields
-            keys = {fields[name].alias or name for name in update}
-            document = origin.document
-            copy._origin = replace(
-                origin,
-                document=replace(
-                    document,
-                    data={k: v for k, v in document.data.items() if k not in keys} | written,
-                    places={p: at for p, at in document.places.items() if not keys & {*p[:1]}},
-                ),
-                overrides=(
-                    *origin.overrides,
-                    *(f"{key}={json.dumps(written.get(key))}" for key in sorted(keys)),
-                ),
-            )
+            keys = {type(self).model_fields[name].alias or name for name in update}
+            origin, data = self._origin, copy.data
+            known = {p: at for p, at in origin.places.places.items() if not keys & {*p[:1]}}
+            given = (f"{key}={json.dumps(data.get(key))}" for key in sorted(keys))
+            places = Places(origin.places.file, known)
+            copy._origin = _Origin(places, origin.path, (*origin.overrides, *given))
         return copy
 
     def remarks(self) -> list[str]:
@@ -243,11 +242,11 @@ class Case(Section):
             for p in e.effect.parameters:
                 key = "effects", e.name, p.name
                 found += outside(quantity(p), e.values[p.name], key)
-        document = self._origin.document
+        places = self._origin.places
         problems = (
-            document.problem(document.locate(path), *kind.doubts(value))
+            places.problem(places.locate(path), *kind.doubts(value))
             for path, value, kind in dict.fromkeys(found)
-            if document.locate(path)[-1:] == path[-1:]  # not a default
+            if places.locate(path)[-1:] == path[-1:]  # not a default
         )
         tables = (s for s in sections.values() if isinstance(s, Table) and s.tolerance)
         return [
@@ -269,11 +268,11 @@ class Case(Section):
         yaml.dump(self._written(), stream)
         return stream.getvalue()
 
-    def _written(self, names: set[str] | None = None) -> dict[str, Any]:
-        """Return all sections, or some, as they are written in a file with every default."""
+    def _written(self, **options: Any) -> dict[str, Any]:
+        """Return all sections as they are written in a file; options as of pydantic."""
         left_out: Any = {} if self.accuracy is None else CHOSEN
         data: dict[str, Any] = self.model_dump(
-            mode="json", by_alias=True, exclude_none=True, include=names, exclude=left_out
+            mode="json", by_alias=True, exclude_none=True, exclude=left_out, **options
         )
         return data
 
@@ -290,9 +289,8 @@ class Case(Section):
             f"edges {', '.join(self.boundary)}; program {program}>"
         )
 
-    def _read(self, origin: _Origin) -> None:
+    def _read(self, document: Document, path: Path | None, overrides: tuple[str, ...] = ()) -> None:
         """Take the values of a document, all of them or none."""
-        document, path = origin.document, origin.path
         folder = path.parent if path else Path()
         custom: CustomEffects = {}
         if files := custom_files(document.data):
@@ -312,7 +310,8 @@ class Case(Section):
         sections = {name: getattr(self, name) for name in type(self).model_fields}
         if problems := list(_combinations(sections, document)):
             raise CaseError(document.in_order(problems))
-        self._name, self._origin = path.stem if path else "case", origin
+        self._name = path.stem if path else "case"
+        self._origin = _Origin(Places(document.file, document.places), path, overrides)
         self.__dict__.update(_with_defaults(self))
 
 
@@ -331,7 +330,7 @@ def read_case(path: str | Path, overrides: Overrides = ()) -> Case:
         CaseError: With everything that is wrong.
     """
     path, texts = Path(path), tuple(_listed(overrides))
-    return _case(_Origin(reduce(_overridden, texts, resolved_document(path)), path, texts))
+    return _case(reduce(_overridden, texts, resolved_document(path)), path, texts)
 
 
 def _overridden(document: Document, text: str) -> Document:
@@ -343,9 +342,9 @@ def _overridden(document: Document, text: str) -> Document:
     changed = override(document, text)
     key = text.partition("=")[0]
     path = key_path(key)
-    if path not in (document.locate(path), changed.locate(path)):
+    if path not in {*paths_in(document.data), *paths_in(changed.data)}:
         try:
-            _case(_Origin(override(document, f"{key}=clamp"), None))
+            _case(override(document, f"{key}=clamp"), None)
         except CaseError as error:
             if unknown := [p for p in error.problems if p.message.startswith("unknown")]:
                 raise CaseError(unknown) from None
@@ -380,9 +379,9 @@ class _InOrder(GenerateJsonSchema):
         return value
 
 
-def _case(origin: _Origin) -> Case:
+def _case(document: Document, path: Path | None, overrides: tuple[str, ...] = ()) -> Case:
     case = Case.__new__(Case)
-    case._read(origin)
+    case._read(document, path, overrides)
     return case
 
 
@@ -419,13 +418,20 @@ def _valid_sections(data: Any, context: dict[str, Any]) -> dict[str, Any]:
     return sections
 
 
+def _as_given(name: str, section: Any) -> Any:
+    """Return a section in which values that were derived from others count as given."""
+    derived = {key: getattr(section, key) for key in _DERIVED.get(name, ())}
+    return section.model_copy(update=derived) if derived else section
+
+
 def _with_defaults(case: Case) -> dict[str, Any]:
-    """Return the sections in which values depend on other sections."""
-    mesh, output = case.discretisation, case.output
+    """Return the sections in which values depend on other sections; these do not count as given."""
+    sections = {name: getattr(case, name).model_copy() for name in _DERIVED}
+    mesh = sections["discretisation"]
     if isinstance(case.sheet, Rectangle):
         kind = mesh.mesh or "fibres"
         size = mesh.mesh_size or min(case.sheet.length, case.sheet.width) / CELLS[kind]
-        mesh = mesh.model_copy(update={"mesh_size": size, "mesh": kind})
-    if "fields" not in output.model_fields_set:
-        output = output.model_copy(update={"fields": possible_fields(case.needs)})
-    return {"discretisation": mesh, "output": output}
+        mesh.__dict__.update(mesh_size=size, mesh=kind)
+    if "fields" not in sections["output"].model_fields_set:
+        sections["output"].__dict__["fields"] = possible_fields(case.needs)
+    return sections

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import combinations, product
 from math import ceil, sqrt
@@ -59,7 +58,6 @@ from wovenfab.case.schema import (
 
 Array = NDArray[np.float64]
 Program = tuple[Segment, ...]
-Rule = Callable[..., Iterator[Finding]]
 
 #: A force that follows the program, as a remedy.
 GROWING = "'10 N/m * program/40 mm'"
@@ -68,27 +66,7 @@ _REMEDY = "Keep it in bounds, as with max(..., ...) or if(..., ..., ...)."
 MOST_TRIANGLES = 1e7
 MOST_TRIED = 500  # displacements of a program with which formulas are tried
 
-_RULES: list[Rule] = []
 
-
-def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
-    """Ask all rules whose sections are there.
-
-    Args:
-        sections: The valid sections of a case by name.
-    """
-    for rule in _RULES:
-        concerns = inspect.signature(rule).parameters
-        if concerns.keys() <= sections.keys():
-            yield from rule(**{name: sections[name] for name in concerns})
-
-
-def _rule(function: Rule) -> Rule:
-    _RULES.append(function)
-    return function
-
-
-@_rule
 def _initial_loads(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     """Yield conditions that act from the start where only friction could resist them.
 
@@ -107,7 +85,6 @@ def _initial_loads(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
             )
 
 
-@_rule
 def _sound(scene: Scene) -> Iterator[Finding]:
     if lack := lacking(scene, acting(scene)):
         resistance, reason = lack
@@ -115,7 +92,6 @@ def _sound(scene: Scene) -> Iterator[Finding]:
         yield ("effects",), reason, f"That takes {resisting}, with values above zero."
 
 
-@_rule
 def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
         for name in boundary:
@@ -124,7 +100,6 @@ def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[F
                 yield ("boundary", name), "unknown edge", remedy
 
 
-@_rule
 def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
         known = {name: boundary[name] for name in boundary if name in EDGES}
@@ -139,7 +114,6 @@ def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Ite
         yield ("boundary",), reason, "Clamp an edge, as in 'left: clamp'."
 
 
-@_rule
 def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
     if not isinstance(sheet, Rectangle):
         return
@@ -153,7 +127,6 @@ def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Findi
                 yield ("boundary", other, i), reason, "Free one of them, or move both alike."
 
 
-@_rule
 def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
         sides = np.linspace(0, sheet.length, 50), np.linspace(0, sheet.width, 50)
@@ -161,7 +134,6 @@ def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[F
         yield from list(unfit_values(scene, x, y)) or unsound_places(scene, x, y)
 
 
-@_rule
 def _edges_everywhere(
     sheet: Rectangle | SheetFile, boundary: Boundary, program: Program,
     second_program: Program | None,
@@ -176,7 +148,6 @@ def _edges_everywhere(
                 yield from unfit_conditions(edge, boundary[edge], x, y, programs)
 
 
-@_rule
 def _frames(boundary: Boundary, program: Program) -> Iterator[Finding]:
     """Yield frames that the program folds flat, and those of one sheet that differ."""
     frames = [(name, i, c.frame) for name, i, c in conditions_of(boundary) if c.frame]
@@ -193,7 +164,6 @@ def _frames(boundary: Boundary, program: Program) -> Iterator[Finding]:
             yield (*here, "length"), reason, remedy
 
 
-@_rule
 def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     if needs_of_scene(scene).placements == 2:
         return
@@ -209,7 +179,6 @@ def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
             )
 
 
-@_rule
 def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
     conditions = [c for _, _, c in conditions_of(boundary)]
     moves = any(not isinstance(segment, Hold) for segment in program)
@@ -223,7 +192,6 @@ def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
         yield ("program",), "no edge uses the program", remedy
 
 
-@_rule
 def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     for name, i, condition in conditions_of(boundary):
         if condition.rotation and not needs_of_scene(scene).second_gradient:
@@ -234,18 +202,12 @@ def _held_directions(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
             )
 
 
-for _of_programs in (speeds, joints, force_control, second):
-    _rule(_of_programs)
-
-
-@_rule
 def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
     if discretisation.degree < 2 and needs_of_scene(scene).second_gradient:
         reason = "must be at least 2, because an effect depends on second derivatives"
         yield ("discretisation", "degree"), reason, ""
 
 
-@_rule
 def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
     if output.lines and not output.fields:
         reason = "the list is empty, and probes of lines and yarns are of stored fields"
@@ -257,7 +219,6 @@ def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
                 yield (("output", "fields", i), f"the effects of this case have no {field}", "")
 
 
-@_rule
 def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Iterator[Finding]:
     given = discretisation
     mesh = given.mesh or "fibres"
@@ -296,7 +257,6 @@ def _mesh(sheet: Rectangle | SheetFile, discretisation: Discretisation) -> Itera
         yield ("discretisation", "jumps"), reason, "Use 'mesh: fibres', or leave this key out."
 
 
-@_rule
 def _accuracy(
     accuracy: float | None, discretisation: Discretisation, time: Time, from_state: Path | None
 ) -> Iterator[Finding]:
@@ -314,7 +274,6 @@ def _accuracy(
                 yield (name, key), reason, "Leave this key out, or leave 'accuracy' out."
 
 
-@_rule
 def _tolerance(time: Time) -> Iterator[Finding]:
     if time.tolerance is not None and not time.scheme.startswith("bdf"):
         reason = f"the error of a step is not measured with {time.scheme}"
@@ -416,7 +375,43 @@ def _place(x: Array, y: Array, i: int) -> str:
     return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"
 
 
-@_rule
 def _petsc(solver: Solver) -> Iterator[Finding]:
     for name, message, remedy in refused(solver.petsc):
         yield ("solver", "petsc", name), message, remedy
+
+
+#: What is asked of the sections of a case together, each with the names of those that it takes.
+COMBINATIONS: tuple[tuple[Callable[..., Iterator[Finding]], tuple[str, ...]], ...] = (
+    (_initial_loads, ("scene", "boundary")),
+    (_sound, ("scene",)),
+    (_known_edges, ("sheet", "boundary")),
+    (_held, ("sheet", "scene", "boundary")),
+    (_corners, ("sheet", "boundary")),
+    (_values_everywhere, ("sheet", "scene")),
+    (_edges_everywhere, ("sheet", "boundary", "program", "second_program")),
+    (_frames, ("boundary", "program")),
+    (_one_family, ("scene", "boundary")),
+    (_program_used, ("boundary", "program")),
+    (_held_directions, ("scene", "boundary")),
+    (speeds, ("scene", "program")),
+    (joints, ("program",)),
+    (force_control, ("boundary", "program", "solver", "accuracy")),
+    (second, ("scene", "boundary", "second_program", "accuracy")),
+    (_degree, ("scene", "discretisation")),
+    (_fields, ("scene", "output")),
+    (_mesh, ("sheet", "discretisation")),
+    (_accuracy, ("accuracy", "discretisation", "time", "from_state")),
+    (_tolerance, ("time",)),
+    (_petsc, ("solver",)),
+)
+
+
+def findings(sections: Mapping[str, Any]) -> Iterator[Finding]:
+    """Yield what makes no sense together.
+
+    Args:
+        sections: The valid sections of a case by name; what takes others is not asked.
+    """
+    for rule, names in COMBINATIONS:
+        if sections.keys() >= set(names):
+            yield from rule(*(sections[name] for name in names))

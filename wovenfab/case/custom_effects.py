@@ -8,17 +8,14 @@ of the same name.
 from __future__ import annotations
 
 import re
-import signal
 import sys
-import threading
 import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import is_dataclass
 from pathlib import Path
-from types import ModuleType, UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from types import ModuleType
+from typing import Any
 
 import ufl
 from pydantic_core import PydanticCustomError
@@ -28,17 +25,13 @@ from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
 from wovenfab.case.errors import one_of, refusal, wrong
-from wovenfab.forms.balance import Balance, Rate
-from wovenfab.forms.effect import Effect, Term
-from wovenfab.forms.friction import PointFriction, components_of
-from wovenfab.forms.kinematics import point_of
+from wovenfab.forms.effect import Effect, Values
+from wovenfab.forms.kinematics import Point, point_of
 from wovenfab.lacking import LackingError
 from wovenfab.plain_text import in_brief
 
 #: Keys of an effect that are no parameters.
 RESERVED = (FILE, LAW)
-#: Seconds that the file of an effect, or its forms, may take.
-PATIENCE = 5.0
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
@@ -65,16 +58,29 @@ def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
             f"{value} defines the effect '{effect.name}', not '{key}'",
             f"Use '{effect.name}' as the key here, or set name=\"{key}\" there.",
         )
-    resisted = frozenset().union(*(law.resists for law in effect.all_laws))
-    if unknown := sorted(resisted - set(RESISTIBLE)):
-        raise wrong(
-            f"{value}: the effect resists '{unknown[0]}', which is not known",
-            f"It may be {one_of(RESISTIBLE)}.",
-        )
-    for law in effect.all_laws:
-        _check_parameters(law, value)
-        _check_forms(law, path, value)
+    with _faults(path, value):
+        resisted = frozenset().union(*(law.resists for law in effect.all_laws))
+        if unknown := sorted(resisted - set(RESISTIBLE)):
+            raise wrong(
+                f"{value}: the effect resists '{unknown[0]}', which is not known",
+                f"It may be {one_of(RESISTIBLE)}.",
+            )
+        for law in effect.all_laws:
+            _check_parameters(law, value)
+            _require_numbers(law)
     return CustomEffect(effect, path)
+
+
+@contextmanager
+def _faults(path: Path, value: str) -> Iterator[None]:
+    """Take what fails inside for a fault of a file, told with the last of its lines."""
+    try:
+        yield
+    except PydanticCustomError:
+        raise
+    except (Exception, SystemExit) as error:
+        line = "".join(f":{line}" for line in _lines(error, path)[-1:])
+        raise wrong(f"{value}{line}: {in_brief(error)}", REMEDY) from error
 
 
 def _loaded(path: Path, value: str) -> Effect:
@@ -84,8 +90,7 @@ def _loaded(path: Path, value: str) -> Effect:
     module.__package__, module.__file__ = "wovenfab.forms", str(path)
     sys.modules[module.__name__] = module  # dataclasses look themselves up there
     try:
-        with _limited():
-            exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
+        exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
     except SyntaxError as error:
         line = error.lineno if error.filename == str(path) else _line(error, path)
         raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
@@ -103,66 +108,7 @@ def _loaded(path: Path, value: str) -> Effect:
             f"EFFECT in {value} is of type {type(effect).__name__}, not Effect",
             "It must be an Effect of wovenfab.forms.effect.",
         )
-    if unfit := next(_unfit(effect, "EFFECT"), None):
-        raise wrong(f"{value}: {unfit}")
     return effect
-
-
-def _unfit(item: Any, where: str) -> Iterator[str]:
-    """Yield what in a dataclass is not of the type that it says, in words."""
-    for name, hint in get_type_hints(type(item)).items():
-        part, place = getattr(item, name), f"{where}.{name}"
-        kinds = [get_origin(kind) or kind for kind in get_args(hint) or [hint]]
-        if get_origin(hint) is not UnionType:
-            kinds = [get_origin(hint) or hint]
-        if not isinstance(part, tuple(int | float if k is float else k for k in kinds)):
-            expected = " or ".join(k.__name__.replace("NoneType", "None") for k in kinds)
-            yield f"{place} is of type {type(part).__name__}, not {expected}"
-        elif isinstance(part, tuple):
-            wanted = get_args(hint)[0]
-            for i, one in enumerate(part):
-                if isinstance(one, wanted):
-                    yield from _unfit(one, f"{place}[{i}]")
-                else:
-                    kind = type(one).__name__
-                    yield f"{place}[{i}] is of type {kind}, not {wanted.__name__}"
-        elif is_dataclass(part):
-            yield from _unfit(part, place)
-
-
-def _check_forms(effect: Effect, path: Path, value: str) -> None:
-    problem = ""
-    try:
-        with _limited():
-            try_forms(effect)
-    except (Exception, SystemExit) as error:
-        line = "".join(f":{line}" for line in _lines(error, path)[-1:])
-        problem = f"{value}{line}: {in_brief(error)}"
-    if problem:  # raised out here, where nothing holds the symbols any more
-        raise wrong(problem, REMEDY)
-
-
-@contextmanager
-def _limited() -> Iterator[None]:
-    """End what takes too long, such as a loop without an end.
-
-    Raises:
-        TimeoutError: After some seconds.
-    """
-
-    def end(*_: object) -> None:
-        raise TimeoutError(f"it was not ready after {PATIENCE:g} s")
-
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    former = signal.signal(signal.SIGALRM, end)
-    signal.setitimer(signal.ITIMER_REAL, PATIENCE)
-    try:
-        yield
-    finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, former)
 
 
 def _line(error: BaseException, path: Path) -> int | None:
@@ -198,7 +144,6 @@ def _check_parameters(effect: Effect, value: str) -> None:
             )
 
 
-DEGREE = 2
 #: What is asked of the functions of an effect.
 REMEDY = (
     "Its functions return one number in J/m^2 (an energy), W/m^2 (a dissipation) or the unit of "
@@ -219,56 +164,57 @@ def custom_effect_errors(scene: Scene) -> Iterator[None]:
     except (OSError, MemoryError, LackingError):
         raise
     except (Exception, SystemExit) as error:
-        files = ", ".join(e.file.name for e in scene if e.file)
-        if not files:
+        lines = {e.file: _lines(error, e.file) for e in scene if e.file}
+        if not lines:
             raise
-        raise refusal(files, f"the effect cannot be compiled: {in_brief(error)}", REMEDY) from error
+        guilty = {file: of[-1] for file, of in lines.items() if of} or dict.fromkeys(lines)
+        files, line = ", ".join(file.name for file in guilty), next(iter(guilty.values()))
+        message = f"the effect cannot be compiled: {in_brief(error)}"
+        raise refusal(files, message, REMEDY, line) from error
 
 
-def try_forms(effect: Effect) -> None:
-    """Form potential, residual and tangent of an effect on a sheet of symbols.
+def _require_numbers(effect: Effect) -> None:
+    """Call the functions of an effect with symbols, and raise what gives no number.
+
+    What UFL and the compiler make of the numbers is found where a model is built, as for effects
+    of forms/; :func:`custom_effect_errors` tells of it.
 
     Raises:
-        ValueError: If an energy is not one number at each point.
-        Exception: Whatever the functions of the effect, or UFL about them, raise.
+        ValueError: If a function gives something else than one number at each point.
+        Exception: Whatever the functions raise.
     """
-    term, balance = _balance(effect)
-    point = point_of(balance.field, balance.fibres, balance.second_gradient)
+    point, values = _symbols(effect)
     if effect.energy is not None:
-        _require_scalar("energy", effect.energy(point, term.values))
+        _require_scalar("energy", effect.energy(point, values))
     if effect.strains is not None:
-        for strain in effect.strains(point, term.values):
+        for strain in effect.strains(point, values):
             _require_scalar("the measure of a strain", strain.measure)
             _require_scalar("the stiffness of a strain", strain.stiffness)
-    if effect.dissipation is not None and effect.measure is not None:
+    if effect.measure is not None and effect.dissipation is not None:
         rate = ufl.variable(effect.measure(point))
-        _require_scalar("dissipation", effect.dissipation(rate, term.values))
-    for variable in effect.memory:
-        updated = variable.update(point, point, term.values, 1.0)
-        _require_scalar(f"the update of '{variable.name}'", updated)
-    space = balance.field.ufl_function_space()
-    test, trial = ufl.TestFunction(space), ufl.TrialFunction(space)
-    balance.potential()
-    balance.power()
-    balance.residual(test)
-    balance.jacobian(trial, test, ufl.Coefficient(space))
+        _require_scalar("dissipation", effect.dissipation(rate, values))
     if effect.bound is not None:
-        _try_bound(term, balance, trial, test)
+        _require_scalar("the strength of a bound", effect.bound.strength(values))
+    for variable in effect.memory:
+        updated = variable.update(point, point, values, 1.0)
+        _require_scalar(f"the update of '{variable.name}'", updated)
 
 
-def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
-    """Form what a friction with carried stress consists of."""
-    import basix.ufl
+def _symbols(effect: Effect) -> tuple[Point, Values]:
+    """Return a point of a sheet, and values of parameters and internal variables."""
+    import basix.ufl  # not for those without effects of their own
 
-    size, degree = components_of(term, balance), DEGREE
-    element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
-    space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
-    carried = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
-    _require_scalar("the strength of a bound", carried.strength())
-    carried.jacobian(trial, test)
-    carried.residual(test)
-    carried.creep()
-    carried.loss()
+    def element(degree: int, size: int) -> Any:
+        return basix.ufl.element("Lagrange", "triangle", degree, shape=(size,))
+
+    mesh = ufl.Mesh(element(1, 2))
+    field = ufl.Coefficient(ufl.FunctionSpace(mesh, element(2, 2 * effect.needs.placements)))
+    fibres = (ufl.Constant(mesh, shape=(2,)), ufl.Constant(mesh, shape=(2,)))
+    values = {
+        p.name: (ufl.Constant(mesh), ufl.Constant(mesh)) if p.per_family else ufl.Constant(mesh)
+        for p in effect.parameters
+    } | {v.name: ufl.Constant(mesh) for v in effect.memory}
+    return point_of(field, fibres, effect.needs.second_gradient), values
 
 
 def _require_scalar(what: str, given: Any) -> None:
@@ -280,30 +226,3 @@ def _require_scalar(what: str, given: Any) -> None:
         raise ValueError(f"{what} gives {type(given).__name__}, not a number")
     if value.ufl_shape != ():
         raise ValueError(f"{what} gives a value of shape {value.ufl_shape}, not one number")
-
-
-def _balance(effect: Effect) -> tuple[Term, Balance]:
-    """Return the effect and the balance of it alone, with nothing but symbols in it."""
-    import basix.ufl  # not for those without effects of their own
-
-    def element(degree: int, size: int) -> Any:
-        return basix.ufl.element("Lagrange", "triangle", degree, shape=(size,))
-
-    mesh = ufl.Mesh(element(1, 2))
-    space = ufl.FunctionSpace(mesh, element(DEGREE, 2 * effect.needs.placements))
-    fibres = (ufl.Constant(mesh, shape=(2,)), ufl.Constant(mesh, shape=(2,)))
-    values = {
-        p.name: (ufl.Constant(mesh), ufl.Constant(mesh)) if p.per_family else ufl.Constant(mesh)
-        for p in effect.parameters
-    } | {v.name: ufl.Constant(mesh) for v in effect.memory}
-    rate = Rate((ufl.Constant(mesh), ufl.Constant(mesh)), (ufl.Coefficient(space),))
-    term = Term(effect, values, 1)
-    return term, Balance(
-        terms=() if effect.set_valued else (term,),
-        fibres=fibres,
-        field=ufl.Coefficient(space),
-        rate=rate if effect.needs.history else None,
-        degree=DEGREE,
-        quadrature=2 * DEGREE,
-        held_edges=(ufl.ds(0), ufl.ds(0)),
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,16 +106,14 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Document:
-    """Plain data (dict, list, str, int, float, bool, None) and its origin.
+class Places:
+    """Where the values of a case were written.
 
     Attributes:
-        data: What the text says.
-        file: The file as the user named it.
+        file: The file as the user named it; empty for a case that was built in Python.
         places: Where each value was written, by its path; that may be another file.
     """
 
-    data: Any
     file: str
     places: Mapping[KeyPath, Place]
 
@@ -125,26 +124,50 @@ class Document:
         count items of a list whose brackets were left out; these are passed over. A last key
         that is ``missing`` is kept all the same.
         """
-        path: list[str | int] = []
-        data = self.data
+        path: KeyPath = ()
         for i, part in enumerate(location):
-            if _holds(data, part):
-                data = data[part]
-            elif not (missing and i == len(location) - 1):
-                continue
-            path.append(part)
-        return tuple(path)
+            if (*path, part) in self.places or (missing and i == len(location) - 1):
+                path = (*path, part)
+        return path
+
+    def place(self, path: KeyPath) -> Place:
+        """Return where a value was written, or what should hold it."""
+        holders = (path[:n] for n in range(len(path), -1, -1))
+        return next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
 
     def problem(self, path: KeyPath, message: str, remedy: str = "") -> Problem:
         """Return the problem of the value at ``path``, or of what should hold it."""
-        holders = (path[:n] for n in range(len(path), -1, -1))
-        known = (self.places[p] for p in holders if p in self.places)
-        return Problem(*next(known, Place(self.file, None)), dotted(path), message, remedy)
+        return Problem(*self.place(path), dotted(path), message, remedy)
 
     def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
         """Return problems in the order in which this case is read: by file, then by line."""
         files = list(dict.fromkeys(place.file for place in self.places.values()))
         return sorted(problems, key=lambda p: (files.index(p.file), p.line) if p.line else (-1, 0))
+
+
+@dataclass(frozen=True)
+class Document(Places):
+    """Plain data (dict, list, str, int, float, bool, None) and its origin.
+
+    Attributes:
+        data: What the text says.
+    """
+
+    data: Any
+
+    @classmethod
+    def of(cls, data: Any, origin: Places | None = None) -> Document:
+        """Return data of Python, each value where its origin has it, or what holds it there."""
+        origin = origin or Places("", {})
+        return cls(origin.file, {p: origin.place(origin.locate(p)) for p in paths_in(data)}, data)
+
+
+def paths_in(data: Any, above: KeyPath = ()) -> Iterator[KeyPath]:
+    """Yield the paths of all values in plain data."""
+    yield above
+    if isinstance(data, dict | list):
+        for key, value in data.items() if isinstance(data, dict) else enumerate(data):
+            yield from paths_in(value, (*above, key))
 
 
 def read_document(path: Path) -> Document:
@@ -177,13 +200,7 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
     data = reader.read(root, ())
     if reader.problems:
         raise CaseError(reader.problems)
-    return Document(data, file, {path: Place(file, line) for path, line in reader.lines.items()})
-
-
-def _holds(data: Any, part: str | int) -> bool:
-    if isinstance(data, list):
-        return part in range(len(data))
-    return isinstance(data, dict) and part in data
+    return Document(file, {path: Place(file, line) for path, line in reader.lines.items()}, data)
 
 
 def _text_of(path: Path) -> str:
@@ -362,10 +379,25 @@ def override(document: Document, text: str) -> Document:
         given = parse_document(value if value.strip() else "null", OVERRIDE)
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key.strip()) for p in error.problems) from error
+    path = _without_index(path, document.data)
     data = _with(document.data, path, given.data)
     places = {p: at for p, at in document.places.items() if p[: len(path)] != path}
     paths = [path[:n] for n in range(1, len(path))] + [path + p for p in given.places]
     return replace(document, data=data, places=dict.fromkeys(paths, Place(OVERRIDE, None)) | places)
+
+
+def _without_index(path: KeyPath, data: Any) -> KeyPath:
+    """Return a path less what counts the only item of a list whose brackets are left out."""
+    found: KeyPath = ()
+    for part, after in zip_longest(path, path[1:]):
+        if part == 0 and isinstance(data, dict) and "0" not in data and after in data:
+            continue
+        found = (*found, part)
+        if isinstance(data, dict):
+            data = data.get(str(part))
+        elif isinstance(data, list) and isinstance(part, int) and part < len(data):
+            data = data[part]
+    return found
 
 
 def _with(data: Any, path: KeyPath, value: Any, above: KeyPath = ()) -> Any:

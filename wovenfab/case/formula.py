@@ -1,10 +1,11 @@
 """Formulas of x, y and the programs: text to a checked tree, and its value.
 
-Python's parser reads a formula, and only the kinds of nodes of arithmetic are accepted;
-nothing is compiled or run. Before that, numbers and their units become placeholders.
-A number takes the unit after it, as far as names of units are joined by ``*``, ``/``
-or blanks: ``2 N/m * x`` is two newtons per metre times x. ``x``, ``y``, ``program``,
-``second_program``, ``pi``, ``and``, ``or`` and a name before a bracket are never units.
+A number takes the unit after it, as far as names of units are joined by ``*``, ``/`` or blanks:
+``2 N/m * x`` is two newtons per metre times x. ``x``, ``y``, ``program``, ``second_program``,
+``pi``, ``and``, ``or`` and a name before a bracket are never units. With a name in place of each
+number the text is one of Python, whose parser makes a tree of it. Only nodes of arithmetic are
+accepted, and nothing is compiled or run: the tree is evaluated with quantities of pint, which
+raises what does not fit together, with arrays, or with expressions of UFL.
 """
 
 from __future__ import annotations
@@ -14,8 +15,8 @@ import math
 import operator
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from dataclasses import dataclass, replace
+from functools import cached_property, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +24,8 @@ import numpy as np
 from wovenfab.case import units
 from wovenfab.case.errors import FormulaError, describe, near_miss
 
-LONGEST, DEEPEST = 500, 20
+#: Characters, and nodes of the tree one below the other: a sum of 250 values has as many.
+LONGEST, DEEPEST = 500, 300
 #: What a formula may depend on, each a length in m.
 VARIABLES = ("x", "y", "program", "second_program")
 #: Functions by name with the number of their arguments.
@@ -33,16 +35,16 @@ FUNCTIONS = {
     "if": 3,
 }
 _CONSTANTS = {"pi": math.pi}
-#: The signs of a formula, each a node of Python's tree; no others are accepted.
-_NODES = (ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Lt, ast.LtE, ast.Gt, ast.GtE)
-_COMPARISONS = ("<", "<=", ">", ">=")
-_CONNECTIVES = ("and", "or")
-_ALL_SIGNS = ("+", "-", "*", "/", "**", *_COMPARISONS, *_CONNECTIVES)
-_SIGNS = dict(zip((*_NODES, ast.And, ast.Or), _ALL_SIGNS, strict=True))
+_CONNECTIVES: Mapping[type[ast.AST], str] = {ast.And: "and", ast.Or: "or"}
+_COMPARISONS: Mapping[type[ast.AST], str] = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">="}
+_SIGNS: Mapping[type[ast.AST], str] = {
+    **{ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"},
+    **{ast.USub: "negative", ast.UAdd: "positive"},
+}
 #: Done by Python's own operators, whatever the values are.
 _OPERATORS: Mapping[str, Callable[..., Any]] = {
     **{"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv},
-    **{"**": operator.pow, "negative": operator.neg},
+    **{"**": operator.pow, "negative": operator.neg, "positive": lambda value: value},
 }
 
 
@@ -60,37 +62,259 @@ NUMPY_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
 }
 #: Keys that the functions given to :meth:`Expression.evaluate` must have.
 REQUIRED_FUNCTIONS = frozenset(NUMPY_FUNCTIONS)
+#: The same for quantities of pint, which numpy's functions take, too; not in arrays, though.
+_PINT_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
+    **_OPERATORS,
+    **NUMPY_FUNCTIONS,
+    "abs": abs,
+    "if": lambda condition, one, other: np.where(condition, one, other)[()],
+}
 
-_TOKEN = re.compile(
-    r"(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
-    r"|(?P<name>[^\W\d]\w*)"
-    r"|(?P<sign>\*\*|<=|>=|[-+*/^()<>,])"
-)
 _UNIT = (
-    rf"(?!(?:{'|'.join((*VARIABLES, *_CONSTANTS, *_CONNECTIVES))})\b|\w+\()[^\W\d_][^\W\d]*"
-    r"(?:(?:\^|\*\*)-?[0-9](?![\w.])|[0-9](?![\w.])|[²³])?(?!\w)"
+    rf"(?!(?:{'|'.join((*VARIABLES, *_CONSTANTS, *_CONNECTIVES.values()))})\b|\w+\()"
+    r"[^\W\d_][^\W\d]*(?:(?:\^|\*\*)-?[0-9](?![\w.])|[0-9](?![\w.])|[²³])?(?!\w)"
 )
-_UNITS = re.compile(rf"\s*(?P<unit>{_UNIT}(?:(?:\s*(?:\*(?!\*)|/|·)\s*|\s+){_UNIT})*|°|%)")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)"
+    rf"(?:\s*(?P<unit>{_UNIT}(?:(?:\s*(?:\*(?!\*)|/|·)\s*|\s+){_UNIT})*|°|%)"
+    r"(?P<power>\s*(?:\^|\*\*))?)?"
+    r"|(?P<word>[a-zA-Z][a-zA-Z0-9_]*|\*\*|<=|>=|[-+*/^()<>,])|(?P<end>$)|(?P<other>.))",
+    re.DOTALL,
+)
 _NAMED = re.compile(rf"\b(?:{'|'.join((*VARIABLES, *_CONSTANTS))})\b")
-_POWERS = ("^", "**")
-#: What is written otherwise in Python.
-_PYTHON = {"^": "**", "if": "IF"}
+#: What is written otherwise in Python. No word of a formula starts with ``_``.
+_PYTHON = {"^": "**", "if": "_if"}
+
+_SYNTAX = "A formula is written like '400 N/m * (1 + x/0.3 m)'."
+_CONDITION = "Conditions are as in 'if(0.1 m < x and x < 0.2 m, 400 N/m, 800 N/m)'."
+_MEASURE = "Numbers have their units, as in 'x - 0.3 m'; others are divided by one, as in 'x/1 m'."
 
 
-@dataclass(frozen=True)
-class _Node:
-    """A number (with its unit), a variable, or a function or sign with its arguments."""
+class Number(NamedTuple):
+    """A number of a formula, its unit as written (empty if it has none), and where both stand."""
 
-    kind: str
-    text: str = field(compare=False)
-    arguments: tuple[_Node, ...] = ()
-    value: float = 0.0
-    unit: str = ""
+    value: float
+    unit: str
+    start: int
+    end: int
 
-    @property
-    def variables(self) -> frozenset[str]:
-        here = frozenset({self.kind} if self.kind in VARIABLES else ())
-        return here.union(*(a.variables for a in self.arguments))
+
+@dataclass(frozen=True, eq=False)
+class _Formula:
+    """The tree of a text, of which all nodes are known.
+
+    Attributes:
+        text: As written.
+        tree: Python's, with the names ``_1``, ``_2`` ... in place of the numbers.
+        numbers: Those by their names, in order.
+        starts: Where in the text a word of the tree starts, by its column.
+        ends: Where it ends, by the column of its end.
+    """
+
+    text: str
+    tree: ast.expr
+    numbers: Mapping[str, Number]
+    starts: Mapping[int, int]
+    ends: Mapping[int, int]
+
+    def written(self, node: ast.expr) -> str:
+        """Return a part of the formula for a message."""
+        return describe(
+            self.text[self.starts[node.col_offset] : self.ends[node.end_col_offset or 0]]
+        )
+
+    def walk(
+        self,
+        leaf: Callable[[ast.expr], Any],
+        inner: Callable[[ast.expr, str, Sequence[Any]], Any],
+        node: ast.expr | None = None,
+        depth: int = 1,
+    ) -> Any:
+        """Return the value of a tree, from its leaves up.
+
+        Args:
+            leaf: What a node is worth by itself; None if its parts are needed.
+            inner: Called with another node, its sign or function, and the values of its parts.
+            node: The root of the tree; that of the whole formula if None.
+            depth: Nodes from the root of the whole formula to this one.
+        """
+        node = node or self.tree
+        if depth > DEEPEST:
+            raise FormulaError("the formula is nested too deeply")
+        if (value := leaf(node)) is not None:
+            return value
+        sign, parts = self.parts(node)
+        return inner(node, sign, [self.walk(leaf, inner, part, depth + 1) for part in parts])
+
+    def parts(self, node: ast.expr) -> tuple[str, Sequence[ast.expr]]:
+        """Return the sign or function of a node and what it joins; the list of all that is known.
+
+        Raises:
+            FormulaError: It is another node of Python.
+        """
+        match node:
+            case ast.Name(id=name):
+                self._require_name(name)
+                return name, ()
+            case ast.UnaryOp(op=op, operand=operand) if type(op) in _SIGNS:
+                return _SIGNS[type(op)], (operand,)
+            case ast.BinOp(left=left, op=op, right=right) if type(op) in _SIGNS:
+                return _SIGNS[type(op)], (left, right)
+            case ast.Compare(left=left, ops=[op], comparators=[right]) if type(op) in _COMPARISONS:
+                return _COMPARISONS[type(op)], (left, right)
+            case ast.Compare(ops=[_, _, *_]):
+                raise FormulaError(f"{self.written(node)} compares more than two", _CONDITION)
+            case ast.BoolOp(op=op, values=values):
+                return _CONNECTIVES[type(op)], values
+            case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if (
+                name not in self.numbers
+            ):
+                name = name.removeprefix("_")
+                if name not in FUNCTIONS:
+                    known = f"The functions are {', '.join(FUNCTIONS)}."
+                    meant = near_miss(name, FUNCTIONS)
+                    raise FormulaError(f"unknown function '{name}'", meant or known)
+                if len(arguments) != (number := FUNCTIONS[name]):
+                    takes = f"{number} value" if number == 1 else f"{number} values"
+                    raise FormulaError(f"'{name}' takes {takes}, got {len(arguments)}")
+                return name, arguments
+        raise FormulaError(f"{self.written(node)} means nothing in a formula", _SYNTAX)
+
+    def _require_name(self, name: str) -> None:
+        known = (*VARIABLES, *_CONSTANTS, *FUNCTIONS)
+        if (name := _word(name)) in FUNCTIONS:
+            raise FormulaError(f"the function '{name}' needs a bracket", f"Write '{name}(...)'.")
+        if name not in known and name not in self.numbers:
+            about = "A unit follows its number, as in '1 m' or '2 N/m', without brackets."
+            raise FormulaError(f"unknown name '{name}'", near_miss(name, known) or about)
+
+    def measured(self, varied: str = "") -> tuple[Any, dict[ast.expr, float]]:
+        """Return the value at x = y = program = 1 m, a quantity of pint, and constant parts in SI.
+
+        A zero that has no unit fits all: it is not of pint, and neither is a product with it.
+
+        Args:
+            varied: Name of a number that is not constant.
+
+        Raises:
+            FormulaError: Values are joined that do not fit together, or a part is not finite.
+        """
+        constants: dict[ast.expr, float] = {}
+
+        def leaf(node: ast.expr) -> Any:
+            if not isinstance(node, ast.Name):
+                return None
+            if node.id in VARIABLES:
+                return units.quantity(1.0, "m")
+            value, unit, *_ = self.numbers.get(node.id, (_CONSTANTS.get(node.id, 0.0), ""))
+            fits_all = not value and not unit and node.id != varied
+            try:
+                found = np.float64(0.0) if fits_all else units.quantity(value, unit)
+            except ValueError as error:
+                raise FormulaError(f"got {error}") from error
+            return keep(node, found)
+
+        def inner(node: ast.expr, sign: str, values: Sequence[Any]) -> Any:
+            _, parts = self.parts(node)
+            for i, (part, value) in enumerate(zip(parts, values, strict=True)):
+                require(part, value, sign in _CONNECTIVES.values() or (sign == "if" and i == 0))
+            last = parts[-1]
+            if sign == "/" and last in constants and not constants[last]:
+                raise FormulaError(f"{self.written(node)} divides by zero")
+            if sign == "**" and last not in constants and not _is_pure(values[0]):
+                what = f"the exponent in {self.written(node)} is not a fixed number"
+                raise FormulaError(what, _MEASURE)
+            if any(map(_fits_all, {"*": values, "/": values[:1]}.get(sign, ()))):
+                return keep(node, np.float64(0.0))
+            try:
+                value = _joined(_PINT_FUNCTIONS[sign], sign, values)
+            except TypeError as error:  # pint's error of dimensions is one
+                kinds = (units.kind_of(_dimension(v)) for v in values if not _is_condition(v))
+                what = f"{self.written(node)} cannot take {' and '.join(kinds)}"
+                raise FormulaError(what, _MEASURE) from error
+            return keep(node, value)
+
+        def require(node: ast.expr, value: Any, condition: bool) -> None:
+            if _is_condition(value) != condition:
+                what = "no condition" if condition else "a condition, and no value"
+                raise FormulaError(f"{self.written(node)} is {what}", _CONDITION)
+
+        def keep(node: ast.expr, value: Any) -> Any:
+            if _is_condition(value):
+                return value
+            if isinstance(value, float) and not _fits_all(value):
+                value = units.quantity(value, "")
+            names = {part.id for part in ast.walk(node) if isinstance(part, ast.Name)}
+            if not names & {*VARIABLES, varied}:
+                constants[node] = float(getattr(value, "magnitude", value))
+                if not math.isfinite(constants[node]):
+                    raise FormulaError(f"{self.written(node)} has no finite value")
+            return value
+
+        with np.errstate(all="ignore"):
+            value = self.walk(leaf, inner)
+        require(self.tree, value, False)
+        return value, constants
+
+
+def _joined(function: Callable[..., Any], sign: str, values: Sequence[Any]) -> Any:
+    return reduce(function, values) if sign in _CONNECTIVES.values() else function(*values)
+
+
+def _is_condition(value: Any) -> bool:
+    return isinstance(value, bool | np.bool_)
+
+
+def _fits_all(value: Any) -> bool:
+    return isinstance(value, float) and value == 0
+
+
+def _dimension(value: Any) -> Any:
+    return getattr(value, "dimensionality", units.in_si("")[1])
+
+
+def _is_pure(value: Any) -> bool:
+    return bool(_dimension(value) == units.in_si("")[1])
+
+
+def _word(name: str) -> str:
+    """Return a name of the tree as it is written."""
+    return next((word for word, python in _PYTHON.items() if python == name), name)
+
+
+def _parse(text: str) -> _Formula:
+    if len(text) > LONGEST:
+        raise FormulaError(f"a formula has at most {LONGEST} characters, this has {len(text)}")
+    python, numbers = "", dict[str, Number]()
+    starts, ends = dict[int, int](), dict[int, int]()
+    for token in _TOKEN.finditer(text):
+        kind = token.lastgroup
+        if kind == "end":
+            break
+        start, end = token.end() - len(token[0].lstrip()), token.end()
+        if kind == "other":
+            raise FormulaError(f"{describe(token['other'])} means nothing in a formula", _SYNTAX)
+        if kind == "power":
+            what = f"it is not clear what the power in '{text[start:end]}' is of"
+            sign = token["power"].strip()
+            raise FormulaError(what, f"Write '({token['number']} {token['unit']}){sign}...'.")
+        word = token["word"]
+        if word is None:
+            word = f"_{len(numbers) + 1}"
+            numbers[word] = Number(float(token["number"]), token["unit"] or "", start, end)
+        starts[len(python)] = start
+        python += _PYTHON.get(word, word)
+        ends[len(python)] = end
+        python += " "
+    try:
+        tree = ast.parse(python, mode="eval").body
+    except SyntaxError as error:
+        at = starts.get((error.offset or 0) - 1, len(text))
+        found = f"{describe(text[at:])} at character {at + 1}" if text[at:].strip() else "its end"
+        raise FormulaError(f"it cannot be read from {found} on: {error.msg}", _SYNTAX) from error
+    formula = _Formula(text, tree, numbers, starts, ends)
+    formula.walk(lambda _: None, lambda *_: True)  # raises what is not known
+    return formula
 
 
 @dataclass(frozen=True)
@@ -100,6 +324,8 @@ class Expression:
     Attributes:
         text: As written, such as ``"400 N/m * (1 + x/0.3 m)"``.
         unit: SI unit of the value; empty for a pure number.
+        varied: Place of a number, from 1, to which ``program`` (m) is added, in its unit; 0 if
+            none is.
 
     Raises:
         FormulaError: If the text is no formula, or has another dimension.
@@ -107,28 +333,42 @@ class Expression:
 
     text: str
     unit: str
+    varied: int = 0
 
     def __post_init__(self) -> None:
         """Check the text and its dimension."""
-        dimension = _dimension(_parse(self.text))
-        if dimension is not None and dimension != units.in_si(self.unit)[1]:
-            kind = units.kind(self.unit)
-            raise FormulaError(f"expected {kind}, but the formula gives {_kind(dimension)}")
-        _ = self._tree
+        value, _ = self._measured
+        if not _fits_all(value) and _dimension(value) != units.in_si(self.unit)[1]:
+            got = units.kind_of(_dimension(value))
+            raise FormulaError(f"expected {units.kind(self.unit)}, but the formula gives {got}")
 
     @cached_property
-    def _tree(self) -> _Node:
-        return _in_si(_parse(self.text))
+    def _formula(self) -> _Formula:
+        return _parse(self.text)
+
+    @cached_property
+    def _measured(self) -> tuple[Any, Mapping[ast.expr, float]]:
+        return self._formula.measured(f"_{self.varied}")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return what a copy in another process is made of."""
+        return {"text": self.text, "unit": self.unit, "varied": self.varied}
 
     @property
     def variables(self) -> frozenset[str]:
         """The variables that the value depends on, of ``VARIABLES``."""
-        return self._tree.variables
+        names = {node.id for node in ast.walk(self._formula.tree) if isinstance(node, ast.Name)}
+        return frozenset(names & {*VARIABLES} | ({"program"} if self.varied else set()))
 
     @property
     def constant(self) -> float | None:
         """The value if it depends on nothing, else None."""
-        return self._tree.value if self._tree.kind == "number" else None
+        return self._measured[1].get(self._formula.tree)
+
+    @property
+    def numbers(self) -> tuple[Number, ...]:
+        """The numbers in their order."""
+        return tuple(self._formula.numbers.values())
 
     def evaluate(
         self, variables: Mapping[str, Any], functions: Mapping[str, Callable[..., Any]]
@@ -140,7 +380,17 @@ class Expression:
             functions: What each of ``REQUIRED_FUNCTIONS`` means for such values, like
                 ``NUMPY_FUNCTIONS``; ``"if"`` is called with a condition and two values.
         """
-        return _evaluate(self._tree, variables, functions)
+        known, constants = {**_OPERATORS, **functions}, self._measured[1]
+
+        def leaf(node: ast.expr) -> Any:
+            if node in constants or not isinstance(node, ast.Name):
+                return constants.get(node)
+            if node.id in VARIABLES:
+                return variables[node.id]
+            value, unit, *_ = self._formula.numbers[node.id]
+            return (value + variables["program"]) * units.in_si(unit)[0]
+
+        return self._formula.walk(leaf, lambda _, sign, values: _joined(known[sign], sign, values))
 
     def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0) -> Any:
         """Return the SI value at points (m, arrays) for the programs (m)."""
@@ -170,257 +420,36 @@ def unit_of_formula(text: str) -> str | None:
         formula without units, and of what is no formula.
     """
     try:
-        given = dict.fromkeys(token.unit for token in tokens_of(text) if token.unit)
-        dimension = _dimension(_parse(text)) if given else None
+        formula = _parse(text)
+        given = dict.fromkeys(number.unit for number in formula.numbers.values() if number.unit)
+        if not given or _is_pure(value := formula.measured()[0]):
+            return None
     except FormulaError:
         return None
-    if dimension in (None, _CONDITION):
-        return None
     kinds = (*given, *units.KINDS, "N")
-    same = (kind for kind in kinds if units.in_si(kind)[1] == dimension)
-    return next(same, units.SOME_SI) or None
+    return next((k for k in kinds if units.in_si(k)[1] == value.dimensionality), units.SOME_SI)
 
 
-class Token(NamedTuple):
-    """A number with its unit, a name, a sign or the end, and where it stands in the text."""
+def coefficients(formula: float | Expression) -> list[tuple[float, str]]:
+    """Return the numbers of a formula in their order, each with its unit as written.
 
-    kind: str
-    text: str
-    start: int
-    end: int
-    unit: str = ""
-
-
-def tokens_of(text: str) -> list[Token]:
-    """Return what a formula is written with, and its end."""
-    tokens, at = list[Token](), 0
-    while (at := at + len(text[at:]) - len(text[at:].lstrip())) < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None:
-            raise FormulaError(f"{describe(text[at])} means nothing in a formula")
-        kind, end = str(match.lastgroup), match.end()
-        if kind == "name" and match[0] in _CONNECTIVES:
-            kind = "sign"
-        unit = _UNITS.match(text, end) if kind == "number" else None
-        end = unit.end() if unit else end
-        tokens.append(Token(kind, match[0], at, end, unit["unit"] if unit else ""))
-        at = end
-    return [*tokens, Token("end", "", len(text), len(text))]
-
-
-def _parse(text: str) -> _Node:
-    if len(text) > LONGEST:
-        raise FormulaError(f"a formula has at most {LONGEST} characters, this has {len(text)}")
-    tokens = tokens_of(text)
-    _check_syntax(text, tokens)
-    python, starts, ends = "", {}, {}
-    for token in tokens[:-1]:
-        starts[len(python)] = token
-        python += "1" if token.kind == "number" else _PYTHON.get(token.text, token.text)
-        ends[len(python)] = token.end
-        python += " "
-    return _tree(ast.parse(python, mode="eval").body, text, starts, ends)
-
-
-def _check_syntax(text: str, tokens: Sequence[Token]) -> None:
-    """Raise what is wrong with the order of tokens, with names and with the depth.
-
-    Values and operators alternate. What passes is an expression of Python.
+    A value that is no formula has none.
     """
-    closing: list[str] = []  # what may end each open bracket
-    depths = [0]  # signs and powers that nest, in all and in each open bracket
-    value_next = True
-    for before, token, after in zip((None, *tokens), tokens, (*tokens[1:], None), strict=False):
-        sign = token.text if token.kind == "sign" else token.kind
-        if sign == "(" and (value_next or (before and before.kind == "name")):
-            closing.append("')'" if value_next else "',' or ')'")
-            depths.append(0)
-            value_next = True
-        elif value_next and sign in ("+", "-"):
-            depths[-1] += 1
-        elif value_next:
-            if sign not in ("number", "name"):
-                raise _unexpected("a value", token)
-            if sign == "name":
-                _check_name(token.text, after is not None and after.text == "(")
-            value_next = False
-        elif sign in _POWERS:
-            if before and before.unit:
-                raise FormulaError(
-                    f"it is not clear what the power in '{text[before.start : token.end]}' is of",
-                    f"Write '({before.text} {before.unit}){sign}...'.",
-                )
-            depths[-1] += 1
-            value_next = True
-        elif sign in _ALL_SIGNS or (sign == "," and closing and "," in closing[-1]):
-            depths[-1] = 0
-            value_next = True
-        elif sign == ")" and closing:
-            closing.pop()
-            depths.pop()
-        elif sign != "end" or closing:
-            raise _unexpected(closing[-1] if closing else "an operator", token)
-        if len(closing) + sum(depths) > DEEPEST:
-            raise FormulaError(f"brackets are nested more than {DEEPEST} deep")
+    numbers = formula.numbers if isinstance(formula, Expression) else ()
+    return [(number.value, number.unit) for number in numbers]
 
 
-def _check_name(name: str, is_called: bool) -> None:
-    if is_called and name not in FUNCTIONS:
-        known = f"The functions are {', '.join(FUNCTIONS)}."
-        raise FormulaError(f"unknown function '{name}'", near_miss(name, FUNCTIONS) or known)
-    if name in FUNCTIONS and not is_called:
-        raise FormulaError(f"the function '{name}' needs a bracket", f"Write '{name}(...)'.")
-    if name not in (*VARIABLES, *_CONSTANTS, *FUNCTIONS):
-        meant = near_miss(name, (*VARIABLES, *_CONSTANTS, *FUNCTIONS))
-        about = "A unit follows its number, as in '1 m' or '2 N/m', without brackets."
-        raise FormulaError(f"unknown name '{name}'", meant or about)
+def with_coefficient(formula: Expression, place: int, value: float) -> str:
+    """Return a formula's text with another number, of the unit as written, at a place from 1."""
+    number = formula.numbers[place - 1]
+    written = units.write(value, number.unit)
+    return f"{formula.text[: number.start]}({written}){formula.text[number.end :]}"
 
 
-def _unexpected(expected: str, token: Token) -> FormulaError:
-    place = f"{describe(token.text)} at character {token.start + 1}"
-    return FormulaError(f"expected {expected}, got {place if token.text else 'the end'}")
-
-
-def _tree(node: ast.expr, text: str, starts: Mapping[int, Token], ends: Mapping[int, int]) -> _Node:
-    """Return the tree of a formula from Python's, with the text of each node as written."""
-    inner = partial(_tree, text=text, starts=starts, ends=ends)
-    token = starts[node.col_offset]
-    written = text[token.start : ends[node.end_col_offset or 0]]
-    match node:
-        case ast.Constant():
-            return _Node("number", written, value=float(token.text), unit=token.unit)
-        case ast.Name(id=name) if name in _CONSTANTS:
-            return _Node("number", written, value=_CONSTANTS[name])
-        case ast.Name(id=name) if name in VARIABLES:
-            return _Node(name, written)
-        case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return inner(operand)
-        case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return _Node("negative", written, (inner(operand),))
-        case ast.BinOp(left=left, op=op, right=right) if type(op) in _SIGNS:
-            return _Node(_SIGNS[type(op)], written, (inner(left), inner(right)))
-        case ast.Compare(left=left, ops=signs, comparators=others):
-            pairs: list[tuple[ast.AST, ast.expr]] = list(zip(signs, others, strict=True))
-        case ast.BoolOp(op=connective, values=[left, *others]):
-            pairs = [(connective, other) for other in others]
-        case ast.Call(func=ast.Name(), args=arguments, keywords=[]):
-            if len(arguments) != (number := FUNCTIONS[token.text]):
-                takes = f"{number} value" if number == 1 else f"{number} values"
-                raise FormulaError(f"'{token.text}' takes {takes}, got {len(arguments)}")
-            return _Node(token.text, written, tuple(map(inner, arguments)))
-        case _:
-            raise FormulaError(f"{describe(written)} means nothing in a formula")
-    result = inner(left)
-    for sign, other in pairs:
-        until = node if other is others[-1] else other
-        written = text[token.start : ends[until.end_col_offset or 0]]
-        result = _Node(_SIGNS[type(sign)], written, (result, inner(other)))
-    return result
-
-
-def _in_si(node: _Node) -> _Node:
-    """Return the formula with plain SI numbers only, parts without variables worked out.
+def with_change(formula: Expression, place: int) -> Expression:
+    """Return a formula in which ``program`` (m) is what the number at a place from 1 changes by.
 
     Raises:
-        FormulaError: If such a part is infinite or undefined.
+        FormulaError: If the unit of a part depends on this number.
     """
-    new = replace(node, arguments=tuple(map(_in_si, node.arguments)))
-    if node.kind == "/" and node.variables and new.arguments[1] == _Node("number", ""):
-        raise FormulaError(f"{describe(node.text)} divides by zero")
-    if node.variables or node.kind in (*_COMPARISONS, *_CONNECTIVES):
-        return new
-    with np.errstate(all="ignore"):
-        number = node.kind == "number"
-        value = _si_value(node) if number else _evaluate(new, {}, NUMPY_FUNCTIONS, np.float64)
-    if not np.isfinite(value):
-        raise FormulaError(f"{describe(node.text)} has no finite value")
-    return _Node("number", node.text, value=float(value))
-
-
-def _evaluate(
-    node: _Node,
-    variables: Mapping[str, Any],
-    functions: Mapping[str, Callable[..., Any]],
-    number: Callable[[float], Any] = float,
-) -> Any:
-    if node.kind == "number":
-        return number(node.value)
-    if node.kind in VARIABLES:
-        return variables[node.kind]
-    arguments = (_evaluate(a, variables, functions, number) for a in node.arguments)
-    return (_OPERATORS.get(node.kind) or functions[node.kind])(*arguments)
-
-
-def _si_value(number: _Node) -> float:
-    try:
-        return number.value * (units.in_si(number.unit)[0] if number.unit else 1.0)
-    except ValueError as error:
-        raise FormulaError(f"got {error}") from error
-
-
-#: In place of the dimension of a condition, which is true or false.
-_CONDITION = object()
-_CONDITIONS = "Conditions are as in 'if(0.1 m < x and x < 0.2 m, 400 N/m, 800 N/m)'."
-_DIVIDE = "Divide by a unit, as in 'x/1 m'."
-_NUMBERS = "Numbers in a formula have their units, as in 'x - 0.3 m'."
-
-
-def _dimension(node: _Node) -> Any:
-    """Return the dimension of a value as pint keeps it; None for a bare 0, which fits all.
-
-    Raises:
-        FormulaError: If it adds, compares or raises what cannot be.
-    """
-    if node.kind == "number":
-        _si_value(node)
-        return units.in_si(node.unit)[1] if node.value or node.unit else None
-    if node.kind in VARIABLES:
-        return units.in_si("m")[1]
-    inner = list(map(_dimension, node.arguments))
-    written = describe(node.text)
-    conditions = [d is _CONDITION for d in inner]
-    if node.kind in _CONNECTIVES:
-        if not all(conditions):
-            raise FormulaError(f"{written} joins what are no conditions", _CONDITIONS)
-        return _CONDITION
-    if node.kind == "if":
-        if not conditions[0]:
-            raise FormulaError(f"{written} starts with no condition", _CONDITIONS)
-        inner, conditions = inner[1:], conditions[1:]
-    if any(conditions):
-        raise FormulaError(f"{written} uses a condition as a value", _CONDITIONS)
-    pure = units.in_si("")[1]
-    first = inner[0]
-    match node.kind:
-        case "<" | "<=" | ">" | ">=" | "+" | "-" | "min" | "max" | "if":
-            known = [d for d in inner if d is not None]
-            if known and known[0] != known[-1]:
-                one, other = map(_kind, known)
-                raise FormulaError(f"{written} puts {one} beside {other}", _NUMBERS)
-            common = known[0] if known else None
-            return _CONDITION if node.kind in _COMPARISONS else common
-        case "*":
-            return None if None in inner else first * inner[1]
-        case "/":
-            return None if first is None else first / (inner[1] or pure)
-        case "negative" | "abs":
-            return first
-        case "sqrt":
-            return None if first is None else first**0.5
-        case "**":
-            if inner[1] not in (None, pure):
-                raise FormulaError(f"the exponent in {written} is no pure number", _DIVIDE)
-            if first in (None, pure):
-                return first
-            power = _in_si(node.arguments[1])
-            if power.kind != "number":
-                raise FormulaError(f"the exponent in {written} is not a fixed number", _DIVIDE)
-            return first**power.value
-    if first not in (None, pure):
-        got = f"{_kind(first)} in {written}"
-        raise FormulaError(f"'{node.kind}' takes a pure number, got {got}", _DIVIDE)
-    return pure
-
-
-def _kind(dimension: Any) -> str:
-    return "a condition" if dimension is _CONDITION else units.kind_of(dimension)
+    return replace(formula, varied=place)

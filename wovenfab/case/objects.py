@@ -27,10 +27,9 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
-from wovenfab.case.formula import VARIABLES
+from wovenfab.case.formula import VARIABLES, coefficients, with_change
 from wovenfab.case.limits import require_memory, require_possible
 from wovenfab.case.program import program_of_case
-from wovenfab.case.quantities import coefficients, with_change
 from wovenfab.case.resume import identity_of, state_of
 from wovenfab.case.specimen import bias_extension_of
 from wovenfab.forms.effect import Target, Term

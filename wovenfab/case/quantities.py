@@ -29,7 +29,7 @@ from wovenfab.case.errors import (
     problems_in,
     wrong,
 )
-from wovenfab.case.formula import Expression, Token, is_formula, tokens_of
+from wovenfab.case.formula import Expression, is_formula
 
 Json = dict[str, Any]
 
@@ -49,7 +49,7 @@ class Section(BaseModel):
         try:
             self.__pydantic_validator__.validate_python(data, self_instance=self)
         except ValidationError as error:
-            document = Document(data, "", {})
+            document = Document.of(data)
             raise CaseError(problems_in(error, document, self.model_json_schema())) from error
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
@@ -377,36 +377,3 @@ def _quantity_in(annotation: Any) -> Quantity | None:
     if isinstance(annotation, Quantity):
         return annotation
     return next(filter(None, map(_quantity_in, get_args(annotation))), None)
-
-
-def coefficients(formula: float | Expression) -> list[tuple[float, str]]:
-    """Return the numbers of a formula in their order, each with its unit as written.
-
-    A value that is no formula has none.
-    """
-    if not isinstance(formula, Expression):
-        return []
-    return [(float(number.text), number.unit) for number in _numbers(formula)]
-
-
-def with_coefficient(formula: Expression, place: int, value: float) -> str:
-    """Return a formula's text with another number, of the unit as written, at a place from 1."""
-    number = _numbers(formula)[place - 1]
-    return _replaced(formula, number, units.write(value, number.unit))
-
-
-def with_change(formula: Expression, place: int) -> Expression:
-    """Return a formula in which ``program`` (m) is what the number at a place from 1 changes by."""
-    number = _numbers(formula)[place - 1]
-    written = formula.text[number.start : number.end]
-    return Expression(
-        _replaced(formula, number, f"{written} + program * 1 {number.unit}/1 m"), formula.unit
-    )
-
-
-def _numbers(formula: Expression) -> list[Token]:
-    return [token for token in tokens_of(formula.text) if token.kind == "number"]
-
-
-def _replaced(formula: Expression, number: Token, text: object) -> str:
-    return f"{formula.text[: number.start]}({text}){formula.text[number.end :]}"

@@ -8,6 +8,8 @@ from contextlib import suppress
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 from wovenfab.case.errors import describe
 
 #: What a unit measures, with an example, for messages and the schema.
@@ -138,6 +140,17 @@ def in_si(unit: str) -> tuple[float, Any]:
     if zero:
         raise ValueError(f"{unit!r}, which does not start at zero")
     return factor, base.dimensionality
+
+
+def quantity(value: float, unit: str) -> Any:
+    """Return a number with a unit as a quantity of pint in SI units; empty for a pure number.
+
+    Raises:
+        ValueError: As from :func:`in_si`.
+    """
+    factor, _ = in_si(unit)
+    base = _registry().dimensionless if unit == "%" else _in_base_units(unit)[1]
+    return _registry().Quantity(np.float64(value * factor), base)
 
 
 def kind_of(dimension: Any) -> str:

@@ -20,9 +20,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from wovenfab.case import Case, CaseError
-from wovenfab.case.formula import Expression
+from wovenfab.case.formula import Expression, coefficients
 from wovenfab.case.objects import differentiate, simulation_of
-from wovenfab.case.quantities import coefficients
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import by_first
 from wovenfab.record.history import peak_force

@@ -23,15 +23,8 @@ from wovenfab.case.errors import (
     reason,
     wrong,
 )
-from wovenfab.case.formula import Expression
-from wovenfab.case.quantities import (
-    Length,
-    Section,
-    Several,
-    coefficients,
-    with_change,
-    with_coefficient,
-)
+from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
+from wovenfab.case.quantities import Length, Section, Several
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
