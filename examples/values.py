@@ -14,7 +14,7 @@ sheet = wf.fibre_sheet(corners, names, wf.directions((np.pi / 4, -np.pi / 4)), 0
 effects = [wf.stretch(5e5), wf.shear(40.0), wf.bending(0.02), wf.coupling(1e6)]
 edges = [wf.clamp("left"), wf.move("right", (wf.PROGRAM, 0.0))]
 model = wf.build_model(sheet, effects, edges, wf.Numerics(2))
-probes = {"middle": wf.circle_zone((0.15, 0.05), 0.01), "corner": wf.Point((0.3, 0.1))}
+probes = {"middle": wf.circle_zone((0.15, 0.05), 0.01), "corner": wf.PointProbe((0.3, 0.1))}
 program, out = wf.program(wf.Ramp(0.02, steps=4)), wf.Output(probes=probes)
 simulation = wf.Simulation(wf.Problem(model), program, output=out)
 

@@ -27,12 +27,12 @@ from wovenfab.forms.kinematics import (
     Facet,
     Pair,
     Point,
+    as_variables,
     displacements,
     edge_of,
     edge_variation,
     facet_of,
     facet_variation,
-    label,
     point_of,
     point_variation,
 )
@@ -365,7 +365,7 @@ def strain_variation(
         geometric_weight: Factor of all but the positive part.
         last: The place at the last iterate; None for no linearisation.
     """
-    labelled, before = label(place), None if last is None else label(last)
+    labelled, before = as_variables(place), None if last is None else as_variables(last)
 
     def linearised(old: Any) -> Any:
         assert last is not None and before is not None
@@ -405,6 +405,6 @@ def _products(strain: Strain) -> list[tuple[Any, Any]]:
 
 
 def _slopes(energy: Callable[[Any], Any], place: Place) -> tuple[Any, list[Any]]:
-    labelled = label(place)
+    labelled = as_variables(place)
     density = energy(labelled)
     return labelled, [ufl.diff(density, m) for m in labelled.measures]

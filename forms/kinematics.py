@@ -113,7 +113,7 @@ class Edge:
         return Edge(f, g, self.held, self.along, self.family, self.penalty)
 
 
-def label(place: Any) -> Any:
+def as_variables(place: Any) -> Any:
     """Return the place with each measure made a variable to differentiate by."""
     return place.with_measures([ufl.variable(m) for m in place.measures])
 

@@ -12,7 +12,7 @@ from paper.claims import Claim, digits
 from paper.elements import KINDS, Compared, Value
 from paper.figures import CYCLE, FIGURES, numbers
 from paper.measures import PLACE
-from wovenfab.case import Case, Cycles
+from wovenfab.case import Case, CyclesSection
 from wovenfab.record.results import Provenance, markdown
 from wovenfab.study.sweep import Member
 
@@ -100,8 +100,8 @@ def _run(member: Member, results: Results) -> Mapping[str, Any]:
 def _chosen(campaign: Campaign) -> Mapping[str, Any]:
     """Return what the programs are."""
     velocity, frequency = (campaign.case(name).program[0] for name in _PROGRAMS)
-    assert isinstance(velocity, Cycles)
-    assert isinstance(frequency, Cycles)
+    assert isinstance(velocity, CyclesSection)
+    assert isinstance(frequency, CyclesSection)
     return {
         "amplitudes_m": list(velocity.amplitudes),
         "velocity_m_s": (velocity.max_velocity or ())[0],

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
     from wovenfab.sheet.probes import (
         Extensometer,
         Line,
-        Point,
+        PointProbe,
         Yarn,
         Zone,
         circle_zone,
@@ -101,7 +101,7 @@ _PUBLIC = {
     "sheet.aligned": ("fibre_sheet",),
     "sheet.errors": ("GeometryError",),
     "sheet.probes": (
-        *("Extensometer", "Line", "Point", "Yarn", "Zone"),
+        *("Extensometer", "Line", "PointProbe", "Yarn", "Zone"),
         *("circle_zone", "rectangle_zone"),
     ),
     "sheet.sheet": ("Sheet", "directions"),

@@ -24,7 +24,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, CaseError, read_case, refusal
+from wovenfab.case import Case, CaseError, case_error, read_case
 from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.case.programs import effect_programs
 from wovenfab.case.resume import require_same
@@ -123,7 +123,7 @@ class Run:
         assert self.directory is not None
         path = self.directory / "case.yaml"
         if programs := effect_programs(path):
-            raise refusal(
+            raise case_error(
                 str(path),
                 f"reading this case runs {' and '.join(programs)}",
                 "Call wovenfab.read_case for it if that is wanted.",

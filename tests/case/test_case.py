@@ -14,7 +14,15 @@ from pydantic import ValidationError
 from ruamel.yaml import YAML
 
 from tests.case.reading import WriteCase, again
-from wovenfab.case import Case, Component, Cycles, Rectangle, SheetFile, Table, read_case
+from wovenfab.case import (
+    Case,
+    Component,
+    CyclesSection,
+    Rectangle,
+    SheetFile,
+    TableSection,
+    read_case,
+)
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Parameter
 
@@ -44,7 +52,7 @@ def test_the_example_is_read_in_si(example: str, write_case: WriteCase) -> None:
     assert not right.rotation
     assert right.families == (1, 2)
     (cycles,) = case.program
-    assert isinstance(cycles, Cycles)
+    assert isinstance(cycles, CyclesSection)
     assert cycles.amplitudes == (0.02, 0.04, 0.06)
     assert cycles.max_velocity == (0.5,)
     assert (case.discretisation.degree, case.discretisation.mesh_size) == (3, 0.03)
@@ -101,7 +109,7 @@ def test_a_table_is_read_from_beside_the_case(example: str, tmp_path: Path) -> N
     path.write_text(text)
     case = read_case(path)
     table = case.program[0]
-    assert isinstance(table, Table)
+    assert isinstance(table, TableSection)
     assert table.samples.times == (0.0, 0.5, 1.0)
     assert table.samples.values == (0.0, 1e-3, 0.0)
     assert _equal(again(case, tmp_path / "elsewhere"), case)

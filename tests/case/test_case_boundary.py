@@ -135,7 +135,7 @@ def test_a_dead_load_alone_takes_a_hold(with_edges: Change) -> None:
 def test_a_force_may_follow_the_program_alone(with_edges: Change) -> None:
     case = read_case(with_edges("left: clamp\nright: {force: [10 N/m * program/40 mm, 0]}"))
     (right,) = case.boundary["right"]
-    assert right.follows == {"program"} and not right.moves and not right.burdens_the_start
+    assert right.follows == {"program"} and not right.moves and not right.acts_initially
 
 
 @pytest.mark.parametrize(
@@ -145,7 +145,7 @@ def test_what_is_there_from_the_start_needs_a_rest_without_friction(
     given: str, with_edges: Change
 ) -> None:
     edges = f"left: {{displacement: [program, 0]}}\nright: {{{given}}}"
-    assert read_case(with_edges(edges)).boundary["right"][0].burdens_the_start
+    assert read_case(with_edges(edges)).boundary["right"][0].acts_initially
     assert told(with_edges(edges, coupling="")) == (
         "case.yaml:14: boundary.right: acts from the start, but without friction nothing ties the "
         "two families together where they are not held, so that there is no rest. Let it follow "

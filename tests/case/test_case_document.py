@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.case.reading import WriteCase, told
-from wovenfab.case import Cycles, read_case
+from wovenfab.case import CyclesSection, read_case
 
 
 @pytest.mark.parametrize(
@@ -104,7 +104,7 @@ def test_overrides_replace_add_and_take_out(example: str, write_case: WriteCase)
     assert case.effects["shear"] == {"stiffness": 500.0}
     assert case.effects["spin_friction"] == {"strength": 30.0, "slope": 40.0}
     assert "coupling" not in case.effects
-    assert isinstance(case.program[0], Cycles)
+    assert isinstance(case.program[0], CyclesSection)
     assert case.program[0].amplitudes == (0.02, 0.03, 0.06)
     assert case.sheet.fibres[0] == 0
     assert case.solver.petsc == {"pc_type": "lu"}

@@ -9,7 +9,14 @@ import pytest
 
 from wovenfab import forms
 from wovenfab.case import CaseError, read_case
-from wovenfab.case.effects import Scene, SceneEffect, Values, acting, lacking, needs_of_scene
+from wovenfab.case.effects import (
+    Scene,
+    SceneEffect,
+    Values,
+    acting_effects,
+    missing_resistance,
+    needs_of_scene,
+)
 from wovenfab.forms.effect import Needs
 
 
@@ -24,7 +31,7 @@ def scene_of(*names: str, **values: Values) -> Scene:
 
 def lack(scene: Scene) -> str | None:
     """Return what a scene does not resist."""
-    found = lacking(scene, acting(scene))
+    found = missing_resistance(scene, acting_effects(scene))
     return found[0] if found else None
 
 

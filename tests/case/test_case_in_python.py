@@ -12,14 +12,14 @@ from tests.case.reading import WriteCase
 from wovenfab.case import (
     Case,
     CaseError,
-    Cycles,
+    CyclesSection,
     Discretisation,
     EdgeCondition,
-    Hold,
-    Ramp,
+    HoldSection,
+    RampSection,
     Rectangle,
     SheetFile,
-    Table,
+    TableSection,
     Time,
     read_case,
 )
@@ -46,8 +46,8 @@ def _refusal(**sections: Any) -> list[str]:
     [
         {},
         {"sheet": Rectangle(length="0.9 m", width=0.3, fibres=("45 deg", "-45 deg"))},
-        {"program": Cycles(amplitudes=("20 mm", "0.04 m"), max_velocity="0.5 m/s")},
-        {"program": (Cycles(amplitudes=["20 mm", "40 mm"], max_velocity=0.5),)},
+        {"program": CyclesSection(amplitudes=("20 mm", "0.04 m"), max_velocity="0.5 m/s")},
+        {"program": (CyclesSection(amplitudes=["20 mm", "40 mm"], max_velocity=0.5),)},
         {"boundary": {"left": EdgeCondition(clamp="placement"),
                       "right": (EdgeCondition(displacement=("program", 0)),)}},
         {"time": Time(), "discretisation": Discretisation(degree=3)},
@@ -66,7 +66,7 @@ def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: Wr
     (tmp_path / "u.csv").write_text("time_s,displacement_m\n0,0\n1,1e-3\n")
     (tmp_path / "sheet.geo").write_text("")
     sheet = SheetFile(file="sheet.geo", fibres=("45 deg", "-45 deg"))
-    case = Case(**SECTIONS | {"sheet": sheet, "program": [Table(file="u.csv")]})
+    case = Case(**SECTIONS | {"sheet": sheet, "program": [TableSection(file="u.csv")]})
     assert case.sheet.file == tmp_path / "sheet.geo"
     assert case.program[0].samples.values == (0.0, 1e-3)
 
@@ -90,7 +90,7 @@ def test_files_are_relative_to_the_current_folder(tmp_path: Path, write_case: Wr
             "in boundary."]),
         ({"discretisation": Discretisation(mesh_size="1 m")}, [
             "discretisation.mesh_size: is larger than the shorter side, 0.3 m."]),
-        ({"program": [Hold(duration=1), Ramp(to=0)]}, [
+        ({"program": [HoldSection(duration=1), RampSection(to=0)]}, [
             "program.1.to: the displacement is 0 m already. Use {type: hold} to wait."]),
     ],
 )  # fmt: skip
@@ -112,7 +112,7 @@ def test_a_case_and_its_sections_are_shown_in_short() -> None:
     assert repr(case) == (
         "<Case case: 0.9 m x 0.3 m; effects shear, stretch; edges left, right; program cycles>"
     )
-    assert repr(Ramp(to="1 m")) == "Ramp(type='ramp', to=1.0, steps=20)"
+    assert repr(RampSection(to="1 m")) == "RampSection(type='ramp', to=1.0, steps=20)"
 
 
 def test_a_changed_case_is_checked_again_and_keeps_its_origin(
@@ -138,7 +138,7 @@ def test_a_copy_with_other_sections_stays_so_when_it_is_changed(name: str) -> No
         "time": steps,
         "solver": case.solver.model_copy(update={"tolerance": 1e-7}),
         "discretisation": case.discretisation.model_copy(update={"degree": 2}),
-        "program": (Ramp(to=0.01, steps=7, velocity=0.1),),
+        "program": (RampSection(to=0.01, steps=7, velocity=0.1),),
         "second_program": None,
         "output": other.output,
         "title": "another",

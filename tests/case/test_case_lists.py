@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wovenfab.case import Case, CaseError, json_schema, read_case
-from wovenfab.case.schema import Zone
+from wovenfab.case.schema import ZoneSection
 from wovenfab.study.variations import read_over, read_sweep_file
 
 BIAS = Path(__file__).parents[2] / "configs" / "bias-1x3.yaml"
@@ -168,8 +168,8 @@ def test_a_text_that_lacks_its_quotes_within_braces_is_told() -> None:
 
 def test_sections_in_python_have_the_same_rule() -> None:
     with pytest.raises(CaseError, match=re.escape("[0.4 mm, 150 mm] or [0.4 m, 150 mm]")):
-        Zone(type="zone", centre=(0.4, "150 mm"), radius=0.1)
-    zone = Zone(type="zone", centre="400, 150 mm", radius=0.1)  # type: ignore[arg-type]
+        ZoneSection(type="zone", centre=(0.4, "150 mm"), radius=0.1)
+    zone = ZoneSection(type="zone", centre="400, 150 mm", radius=0.1)  # type: ignore[arg-type]
     assert zone.centre == (0.4, 0.15)
 
 

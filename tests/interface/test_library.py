@@ -161,7 +161,7 @@ def test_values_at_points_are_those_of_probes() -> None:
     (u,), (v,) = (
         wf.PointFields(model, [at]).values()[f"displacement_{family}"] for family in (1, 2)
     )
-    probe = wf.Probes(model, {"p": wf.Point(at)}).values()
+    probe = wf.Probes(model, {"p": wf.PointProbe(at)}).values()
     np.testing.assert_allclose([*u, *v], probe[:4], rtol=1e-12)
     with pytest.raises(ValueError, match="not on the sheet"):
         wf.PointFields(model, [(1.0, 1.0)])

@@ -12,10 +12,10 @@ from mpi4py import MPI
 from tests.record.light_reader import BrokenFileError, read
 from tests.report.sample import on_lattices
 from wovenfab.record.fields import FieldSeries, read_fields
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 
 UNITS = {"displacement_1": "m", "beta": "m", "shear_angle": "rad"}
-LATTICE = Lattice(3)
+LATTICE = OutputNodes(3)
 CELLS = 7
 
 

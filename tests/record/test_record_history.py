@@ -10,8 +10,8 @@ from wovenfab.record.history import (
     ERRORS,
     HISTORY,
     REACTIONS,
-    History,
     HistoryRows,
+    HistoryWriter,
     index_of_peak,
     peak_force,
     read_history,
@@ -46,9 +46,9 @@ SECOND = replace(
 )
 
 
-def start(directory: Path, errors: bool = False) -> History:
+def start(directory: Path, errors: bool = False) -> HistoryWriter:
     names = ["stretch", "bending"], ["slip_friction"], ["left", "right"]
-    return History(directory, HistoryRows(*names, errors))
+    return HistoryWriter(directory, HistoryRows(*names, errors))
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_the_columns_are_the_promised_ones(tmp_path: Path) -> None:
 
 
 def test_dissipated_energy_has_its_column_without_dissipative_effects(tmp_path: Path) -> None:
-    with History(tmp_path, HistoryRows(["stretch"], [], [])) as history:
+    with HistoryWriter(tmp_path, HistoryRows(["stretch"], [], [])) as history:
         history.append(replace(FIRST, stored={"stretch": 1.0}, dissipated={}, reactions={}))
     assert read_history(tmp_path)["dissipated_J"].tolist() == [0.0]
 

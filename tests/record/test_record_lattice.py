@@ -3,14 +3,14 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 
 DEGREES = [1, 2, 3, 4, 5]
 
 
 @pytest.mark.parametrize("degree", DEGREES)
 def test_the_points_are_the_lattice_of_the_reference_triangle(degree: int) -> None:
-    points = Lattice(degree).points
+    points = OutputNodes(degree).points
     assert points.shape == ((degree + 1) * (degree + 2) // 2, 2)
     assert len(np.unique(points, axis=0)) == len(points)
     np.testing.assert_allclose(points * degree, np.round(points * degree), atol=1e-14)
@@ -20,7 +20,7 @@ def test_the_points_are_the_lattice_of_the_reference_triangle(degree: int) -> No
 
 @pytest.mark.parametrize("degree", DEGREES)
 def test_the_triangles_tile_the_reference_triangle(degree: int) -> None:
-    lattice = Lattice(degree)
+    lattice = OutputNodes(degree)
     corners = lattice.points[lattice.triangles]
     (a, b) = (corners[:, i] - corners[:, 0] for i in (1, 2))
     areas = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) / 2
@@ -34,7 +34,7 @@ def test_the_triangles_tile_the_reference_triangle(degree: int) -> None:
 
 
 def test_every_cell_has_points_of_its_own() -> None:
-    lattice = Lattice(3)
+    lattice = OutputNodes(3)
     triangles = lattice.connectivity(4)
     assert triangles.shape == (4 * 9, 3)
     owners = triangles // len(lattice.points)
@@ -44,4 +44,4 @@ def test_every_cell_has_points_of_its_own() -> None:
 
 def test_a_lattice_without_intervals_is_refused() -> None:
     with pytest.raises(ValueError, match="at least 1"):
-        Lattice(0)
+        OutputNodes(0)

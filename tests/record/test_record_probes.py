@@ -13,14 +13,14 @@ from tests import scenes
 from tests.resume.test_resume import small
 from tests.verification.test_few_unknowns import SAMPLES
 from wovenfab.case import Case, CaseError
-from wovenfab.case.schema import Output
+from wovenfab.case.schema import OutputSection
 from wovenfab.interface import execute
 from wovenfab.model.model import Numerics
 from wovenfab.model.probes import Probes
 from wovenfab.record import output
 from wovenfab.record.fields import StoredFields, read_fields
 from wovenfab.record.history import read_history
-from wovenfab.sheet.lattice import Lattice, circle, locate
+from wovenfab.sheet.output_nodes import OutputNodes, circle, locate
 
 #: On a fibre through a corner, where placements jump; anywhere; and on the edge of the sheet.
 JUMP, ANY, EDGE = (0.25, 0.05), (0.47, 0.13), (0.9, 0.21)
@@ -129,7 +129,7 @@ def test_probes_of_a_homogeneous_strain_are_exact(names: tuple[str, ...]) -> Non
     model = scenes.model(SAMPLES["1:3"].sheet(0.15), names, Numerics(2))
     gradient = np.array([[0.05, 0.1], [0.02, -0.03]])
     scenes.set_field(model.field, lambda x: gradient @ x[:2])
-    given = {name: probe.probe for name, probe in Output(probes=PROBES).probes.items()}
+    given = {name: probe.probe for name, probe in OutputSection(probes=PROBES).probes.items()}
     probes = Probes(model, output.Output(probes=given).gauges)
     values = dict(zip(probes.columns, probes.values(), strict=True))
     ends = np.array([ANY, (0.6, 0.17)])
@@ -150,7 +150,7 @@ def test_probes_of_a_homogeneous_strain_are_exact(names: tuple[str, ...]) -> Non
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
 def test_means_over_zones_are_exact_for_polynomials(degree: int) -> None:
     corners = np.array([[[0, 0], [2, 0], [0, 1]], [[2, 1], [0, 1], [2, 0]]], dtype=float)
-    lattice, box = Lattice(degree), shapely.box(0.3, 0.2, 1.7, 0.9)
+    lattice, box = OutputNodes(degree), shapely.box(0.3, 0.2, 1.7, 0.9)
     shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
     x, y = np.einsum("pk,ckd->cpd", shape, corners).reshape(-1, 2).T
     for power in range(degree + 1):

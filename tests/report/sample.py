@@ -21,10 +21,10 @@ from scipy.integrate import cumulative_simpson
 from scipy.optimize import brentq
 
 from wovenfab.record.fields import FieldSeries
-from wovenfab.record.history import History, HistoryRows, read_history
+from wovenfab.record.history import HistoryRows, HistoryWriter, read_history
 from wovenfab.record.results import open_results
 from wovenfab.record.summary import summarise, write_summary
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 from wovenfab.stepping.step import Step
 
 Array = NDArray[np.float64]
@@ -133,7 +133,7 @@ def mesh(size: float = 0.05) -> Array:
     return np.array(cells)
 
 
-def on_lattices(lattice: Lattice, cells: Array) -> Array:
+def on_lattices(lattice: OutputNodes, cells: Array) -> Array:
     """Return the points (m) of a lattice on each cell, given by its corners: shape (n, 2)."""
     shape = np.column_stack([1 - lattice.points.sum(axis=1), lattice.points])
     return np.einsum("pk,ckd->cpd", shape, cells).reshape(-1, 2)
@@ -203,7 +203,7 @@ def make(
     time, u, rate, bounds = cycles(amplitudes or [0.02, 0.04, 0.06])
     open_results(directory, comm=comm)
     (directory / "case.yaml").write_text(CASE.format(title=json.dumps(title)))
-    lattice, corners = Lattice(3), mesh()
+    lattice, corners = OutputNodes(3), mesh()
     points = on_lattices(lattice, corners)
     centres = np.repeat(corners.mean(axis=1), len(lattice.points), axis=0)
     side = np.array([np.sign(centres[:, 1] - centres[:, 0]), np.sign(WIDTH - centres.sum(axis=1))])
@@ -211,7 +211,7 @@ def make(
     units = UNITS if placements == 2 else SINGLE
     series = FieldSeries(directory, comm, lattice, points, cells, units)
     rows = HistoryRows(["stretch"], ["slip_friction"], ["left", "right"])
-    with History(directory, rows, comm) as history:
+    with HistoryWriter(directory, rows, comm) as history:
         for step, force in steps(time, u, rate)[:stop]:
             history.append(replace(step, force=force))
             if step.number % every == 0:

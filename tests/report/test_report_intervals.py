@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from wovenfab.report.fit import draw_intervals
 from wovenfab.report.style import WIDTH, house_style
-from wovenfab.study.fit.knowledge import Interval
+from wovenfab.study.fit.identifiability import ConfidenceInterval
 
 
 @pytest.mark.parametrize(
@@ -18,7 +18,7 @@ from wovenfab.study.fit.knowledge import Interval
 )
 def test_labels_of_intervals_are_several_and_apart(low: float, high: float) -> None:
     names = ("shear.stiffness", "spin_friction.strength")
-    intervals = [Interval(n, "N/m", 3.0, 3 * low, 3 * high, 0.1, True) for n in names]
+    intervals = [ConfidenceInterval(n, "N/m", 3.0, 3 * low, 3 * high, 0.1, True) for n in names]
     with house_style():
         figure = Figure(figsize=(WIDTH, 3.0))  # the right one of two columns, as in fit.png
         axes = figure.subplots(1, 2, width_ratios=(3, 2))[1]

@@ -20,7 +20,7 @@ from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.sheet import MODE_SIZE, deformed, mode
 from wovenfab.report.style import readable
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 
 
 def test_all_pictures_are_drawn_from_the_files_alone(two: Path, tmp_path: Path) -> None:
@@ -182,7 +182,7 @@ def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> No
     parts = np.column_stack([np.zeros_like(wave), wave])
     cells = np.arange(len(points) // 10)
     units = {"displacement": "m", "mode": "1"}
-    series = FieldSeries(small, MPI.COMM_SELF, Lattice(3), points, cells, units, "mode")
+    series = FieldSeries(small, MPI.COMM_SELF, OutputNodes(3), points, cells, units, "mode")
     series.write(0, history["time_s"][row], {"displacement": 0 * parts, "mode": parts})
     drawn = draw(small)
     assert [path.name for path in drawn][-1] == "mode.png"

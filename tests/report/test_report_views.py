@@ -13,7 +13,7 @@ from wovenfab.record.fields import FieldSeries, StoredFields, read_fields
 from wovenfab.report.curves import cycle_figures, energies, loops, losses, parts, solver
 from wovenfab.report.run_data import key_times, largest, open_run_data
 from wovenfab.report.style import house_style, main_field, scale_of
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 
 
 def test_the_reversal_and_the_end_of_each_cycle_are_found(two: Path) -> None:
@@ -109,7 +109,7 @@ def test_a_picture_is_coloured_by_the_first_field_that_is_not_zero(
 
 @pytest.mark.parametrize("degree", [1, 2, 3, 4, 5])
 def test_the_cells_are_those_of_the_mesh(degree: int, tmp_path: Path) -> None:
-    cells, lattice = mesh(0.15), Lattice(degree)
+    cells, lattice = mesh(0.15), OutputNodes(degree)
     points, numbers = on_lattices(lattice, cells), np.arange(len(cells))
     FieldSeries(tmp_path, MPI.COMM_SELF, lattice, points, numbers, {})
     stored = read_fields(tmp_path)

@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 from wovenfab.report.yarns import Triangles, lay_yarns, material_lines, outline
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 
 RISING = np.array([1.0, 1.0]) / np.sqrt(2)
 
 
 def sheet(hole: bool = False) -> Triangles:
     """A 3 by 3 square of squares of two triangles each, with points of their own."""
-    lattice = Lattice(2)
+    lattice = OutputNodes(2)
     corners = []
     for i in range(3):
         for j in range(3):

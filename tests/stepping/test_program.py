@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from wovenfab.case import Cycles, Hold, Ramp, Table
+from wovenfab.case import CyclesSection, HoldSection, RampSection, TableSection
 from wovenfab.case.program import program_of_case
 from wovenfab.case.schema import Time
 from wovenfab.stepping.program import Program, cycle, program_of, ramp, table
@@ -24,17 +24,17 @@ def planned(*segments: object, steps: int = 40) -> Program:
     return program_of_case(SimpleNamespace(programs={"program": segments}, time=time))  # type: ignore[arg-type]
 
 
-def cycles(**speed: str) -> Cycles:
+def cycles(**speed: str) -> CyclesSection:
     amplitudes = [f"{a} m" for a in AMPLITUDES]
-    return Cycles.model_validate({"type": "cycles", "amplitudes": amplitudes, **speed})
+    return CyclesSection.model_validate({"type": "cycles", "amplitudes": amplitudes, **speed})
 
 
-def ramp_to(to: str, steps: int, **speed: str) -> Ramp:
-    return Ramp(type="ramp", to=to, steps=steps, **speed)
+def ramp_to(to: str, steps: int, **speed: str) -> RampSection:
+    return RampSection(type="ramp", to=to, steps=steps, **speed)
 
 
-def hold(duration: str, steps: int) -> Hold:
-    return Hold(type="hold", duration=duration, steps=steps)
+def hold(duration: str, steps: int) -> HoldSection:
+    return HoldSection(type="hold", duration=duration, steps=steps)
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_a_table_is_hit_at_every_row_and_jumps_at_its_corners_only(tmp_path: Pat
     rows = "\n".join(f"{t},{d}" for t, d in zip(times, moved, strict=True))
     (tmp_path / "u.csv").write_text(f"time_s,displacement_m\n{rows}\n")
     row = {"type": "table", "file": "u.csv"}
-    program = planned(Table.model_validate(row, context={"folder": tmp_path}))
+    program = planned(TableSection.model_validate(row, context={"folder": tmp_path}))
     points = [(m.time, m.value) for m in program.milestones]
     assert points == [(0.0, 0.0), *zip(times, moved, strict=True)]
     assert [m.jump for m in program.milestones] == [True, False, False, True, True, False]

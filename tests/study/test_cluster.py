@@ -26,7 +26,7 @@ from wovenfab.study import cluster as module
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import read_fit
 from wovenfab.study.fit.objective import Objective
-from wovenfab.study.sweep import TABLE, Run, Sweep, members_of, sweep
+from wovenfab.study.sweep import TABLE, Sweep, SweepRun, members_of, sweep
 from wovenfab.study.variations import grid, read_over
 
 #: A checkpoint often, so that one is there at the kill.
@@ -42,12 +42,12 @@ def dask(tmp_path: Path) -> Iterator[Dask]:
         yield cluster
 
 
-def swept(folder: Path, cluster: Cluster, kill: Process | None = None) -> list[Run]:
+def swept(folder: Path, cluster: Cluster, kill: Process | None = None) -> list[SweepRun]:
     """Return the runs of a sweep; a worker is killed once two runs have made many steps."""
     (folder / "case.yaml").write_text(LONG)
     members = members_of([folder / "case.yaml"], grid([read_over(STEPS)]))
 
-    def report(state: Sweep, run: Run | None) -> None:
+    def report(state: Sweep, run: SweepRun | None) -> None:
         begun = [p for p in folder.glob("[tw]*/**/history.csv") if p.read_bytes().count(b"\n") > 30]
         if kill is not None and kill.poll() is None and len(begun) >= 2:
             kill.send_signal(signal.SIGKILL)

@@ -13,7 +13,7 @@ from tests.study.test_fit import place
 from wovenfab.measured.curve import Measured
 from wovenfab.study.fit.fit_file import read_fit
 from wovenfab.study.fit.objective import Objective
-from wovenfab.study.fit.response import BranchError, Curve, compared, curve_of_history
+from wovenfab.study.fit.response import BranchError, ResponseCurve, compared, curve_of_history
 from wovenfab.study.fit.search import search_with_slack
 
 Array = NDArray[np.float64]
@@ -53,7 +53,7 @@ def test_rows_that_the_program_does_not_reach_are_counted() -> None:
 def test_slack_takes_rows_away_at_one_end_and_gives_others_at_the_other() -> None:
     u = np.linspace(0, 0.02, 41)
     slack, spring = 0.8e-3, 1e-4
-    curve = Curve(u, 50 * u, np.zeros((41, 0)), (0, 40), 0.0)
+    curve = ResponseCurve(u, 50 * u, np.zeros((41, 0)), (0, 40), 0.0)
     x = np.linspace(0, 0.022, 2201)
     force = 50 * (x - slack) / (1 + 50 * spring)  # of a spring in series with the sample
     machine = {"machine.displacement": slack, "machine.compliance": spring}
@@ -97,10 +97,10 @@ def test_the_search_goes_on_with_the_rows_that_slack_makes_comparable(
 
     def curves(
         objective: Objective, values: Mapping[str, float], scale: float
-    ) -> Sequence[Curve]:  # of a spring that hardens, in place of a run
+    ) -> Sequence[ResponseCurve]:  # of a spring that hardens, in place of a run
         force = values["shear.stiffness"] * (u + 40 * u**2)
         slopes = (force / values["shear.stiffness"])[:, None]
-        return [Curve(u, force, slopes, (0, 30), 1e-3)]
+        return [ResponseCurve(u, force, slopes, (0, 30), 1e-3)]
 
     monkeypatch.setattr(Objective, "_curves", curves)
     x = np.linspace(0, 0.062, 311)

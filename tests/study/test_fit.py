@@ -14,7 +14,7 @@ from tests.cli.test_commands import wovenfab
 from wovenfab.case import CaseError, read_case
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
-from wovenfab.study.fit.knowledge import Knowledge, in_words, knowledge, sign_runs
+from wovenfab.study.fit.identifiability import Identifiability, in_words, knowledge, sign_runs
 from wovenfab.study.fit.objective import Evaluation, Objective
 from wovenfab.study.fit.response import compared, computed
 from wovenfab.study.fit.search import offset, profile, search
@@ -76,7 +76,7 @@ def as_measured(displacement: Array, force: Array, noise: float = 0.0, seed: int
     return "\n".join(["u_m,F_N", *rows]) + "\n"
 
 
-def found(fit: Fit, folder: Path) -> tuple[dict[str, float], Knowledge, float]:
+def found(fit: Fit, folder: Path) -> tuple[dict[str, float], Identifiability, float]:
     """Return values, what is known, and the work: a coarse run has a quarter of the cells."""
     with Objective(fit, folder / "runs") as objective:
         result = search(objective, fit)

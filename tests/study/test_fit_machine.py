@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from wovenfab.case import read_case
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured
-from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
-from wovenfab.study.fit.knowledge import knowledge
+from wovenfab.study.fit.fit_file import Fit, FitParameter, MeasuredTest
+from wovenfab.study.fit.identifiability import knowledge
 from wovenfab.study.fit.objective import Objective
-from wovenfab.study.fit.response import Curve, compared, unresolved
+from wovenfab.study.fit.response import ResponseCurve, compared, unresolved
 from wovenfab.study.fit.search import search_with_slack
 
 ROOT = Path(__file__).parents[2]
@@ -30,19 +30,21 @@ TRUTH = {
     "machine.force": 0.05,
 }
 UNKNOWNS = (
-    Unknown("shear.stiffness", "N/m", Target("shear", "stiffness"), 60.0, False, (1, 1e3), True),
-    Unknown(
+    FitParameter(
+        "shear.stiffness", "N/m", Target("shear", "stiffness"), 60.0, False, (1, 1e3), True
+    ),
+    FitParameter(
         "spin_friction.strength", "N", Target("spin_friction", "strength"), 0.6, False,
         (1e-2, 1e2), True,
     ),
-    Unknown("machine.compliance", "m/N", None, 2e-5, False, (1e-6, 1e-2), True),
-    Unknown("machine.displacement", "m", None, 0.0, False, (-1e-3, 1e-3), False),
-    Unknown("machine.force", "N", None, 0.0, False, (-1.0, 1.0), False),
+    FitParameter("machine.compliance", "m/N", None, 2e-5, False, (1e-6, 1e-2), True),
+    FitParameter("machine.displacement", "m", None, 0.0, False, (-1e-3, 1e-3), False),
+    FitParameter("machine.force", "N", None, 0.0, False, (-1.0, 1.0), False),
 )  # fmt: skip
 SPAN, ERROR = 20e-3, 0.01
 
 
-def curve(values: Mapping[str, float], scale: float = 1.0) -> Curve:
+def curve(values: Mapping[str, float], scale: float = 1.0) -> ResponseCurve:
     """Return force and derivatives of a stiffening sample whose friction reverses at once."""
     stiffness, friction = values["shear.stiffness"], values["spin_friction.strength"]
     half = round(20 / scale)
@@ -52,7 +54,7 @@ def curve(values: Mapping[str, float], scale: float = 1.0) -> Curve:
     sign = np.where(np.arange(u.size) <= half, 1.0, -1.0)
     sign[0] = 0.0
     slopes = np.stack([shape, sign], axis=1)
-    return Curve(u, stiffness * shape + friction * sign, slopes, (0, half, 2 * half), 0.0)
+    return ResponseCurve(u, stiffness * shape + friction * sign, slopes, (0, half, 2 * half), 0.0)
 
 
 def measured(noise: Array | float = 0.0) -> Measured:
@@ -70,7 +72,7 @@ def fit_to(curve: Measured) -> Fit:
 class Closed(Objective):
     """Of curves in closed form: nothing is run."""
 
-    def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
+    def _curves(self, values: Mapping[str, float], scale: float) -> list[ResponseCurve]:
         return [curve(values, scale)]
 
 
@@ -151,7 +153,7 @@ def test_what_cells_and_steps_move_parameters_by_widens_intervals(tmp_path: Path
 def test_an_error_of_all_rows_moves_parameters_as_a_fit_to_it_would(tmp_path: Path) -> None:
     # Coarse runs are 2 % too stiff: by the lowest order the fine ones are, too.
     class Stiff(Closed):
-        def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
+        def _curves(self, values: Mapping[str, float], scale: float) -> list[ResponseCurve]:
             factor = 1 + 0.02 * (scale > 1)
             one = curve({**values, "shear.stiffness": factor * values["shear.stiffness"]})
             return [replace(one, slopes=one.slopes * [factor, 1.0])]

@@ -8,7 +8,7 @@ from signal import SIGTERM
 import pytest
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
-from wovenfab.case import Case, Cycles, Ramp, read_case
+from wovenfab.case import Case, CyclesSection, RampSection, read_case
 from wovenfab.case.program import program_of_case
 from wovenfab.simulation.progress import InterruptedRunError
 from wovenfab.solver.newton import NewtonSolver
@@ -241,6 +241,6 @@ def test_steps_are_thinned_alike_in_all_segments() -> None:
 def test_where_nothing_depends_on_the_past_a_trial_is_the_way_to_the_largest_displacement() -> None:
     elastic = case_of("bias-1x3", "effects.slip_friction=null", "program.amplitudes=[10 mm, 30 mm]")
     (segment,) = trial_of(elastic, 1e-2).program
-    assert isinstance(segment, Ramp) and segment.to == pytest.approx(0.03)
+    assert isinstance(segment, RampSection) and segment.to == pytest.approx(0.03)
     (segment,) = trial_of(case_of("bias-1x3"), 1e-2).program
-    assert isinstance(segment, Cycles) and segment.amplitudes == (0.06,)
+    assert isinstance(segment, CyclesSection) and segment.amplitudes == (0.06,)

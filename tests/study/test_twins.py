@@ -12,7 +12,7 @@ import pytest
 from tests.study.test_fit import as_measured, found
 from wovenfab.case import read_case
 from wovenfab.study.fit.fit_file import Fit, read_fit
-from wovenfab.study.fit.knowledge import in_words, knowledge
+from wovenfab.study.fit.identifiability import in_words, knowledge
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import computed
 from wovenfab.study.fit.search import search_with_slack

@@ -21,9 +21,9 @@ from petsc4py import PETSc
 from tests import scenes
 from wovenfab.forms.kinematics import (
     along,
+    as_variables,
     curvature_vector,
     displacements,
-    label,
     point_of,
     stretch,
     twice_along,
@@ -51,7 +51,7 @@ def exact(x: object, components: int) -> object:
 def load(model: Model, u: object, test: object) -> object:
     """Return the work of body force and edge moment m (D·n) that keep ``u``, held, in balance."""
     fibres = model.balance.fibres
-    point = label(point_of(u, fibres, True))
+    point = as_variables(point_of(u, fibres, True))
     energy = sum(t.effect.stored(point, t.values) for t in model.balance.terms)
     p = [ufl.diff(energy, f) for f in point.f]
     m = [ufl.diff(energy, g) for g in point.g]

@@ -2,33 +2,40 @@
 
 from wovenfab.case.boundary import Component, EdgeCondition, conditions_of
 from wovenfab.case.case import Case, json_schema, read_case
-from wovenfab.case.errors import CaseError, refusal
+from wovenfab.case.errors import CaseError, case_error
 from wovenfab.case.formula import Expression
-from wovenfab.case.program import Cycles, Hold, Ramp, Segment, Table, Trapezoid
+from wovenfab.case.program import (
+    CyclesSection,
+    HoldSection,
+    RampSection,
+    SegmentSection,
+    TableSection,
+    TrapezoidSection,
+)
 from wovenfab.case.samples import Samples
-from wovenfab.case.schema import Discretisation, Output, Rectangle, SheetFile, Solver, Time
+from wovenfab.case.schema import Discretisation, OutputSection, Rectangle, SheetFile, Solver, Time
 
 __all__ = [
     "Case",
     "CaseError",
     "Component",
-    "Cycles",
+    "CyclesSection",
     "Discretisation",
     "EdgeCondition",
     "Expression",
-    "Hold",
-    "Output",
-    "Ramp",
+    "HoldSection",
+    "OutputSection",
+    "RampSection",
     "Rectangle",
     "Samples",
-    "Segment",
+    "SegmentSection",
     "SheetFile",
     "Solver",
-    "Table",
+    "TableSection",
     "Time",
-    "Trapezoid",
+    "TrapezoidSection",
+    "case_error",
     "conditions_of",
     "json_schema",
     "read_case",
-    "refusal",
 ]

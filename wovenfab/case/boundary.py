@@ -23,7 +23,7 @@ from pydantic import (
 from pydantic_core import core_schema
 
 from wovenfab.case.effects import Value
-from wovenfab.case.errors import describe, near_miss, one_of, wrong
+from wovenfab.case.errors import describe, near_miss, one_of, value_error
 from wovenfab.case.formula import VARIABLES, Expression
 from wovenfab.case.quantities import Angle, OneOr, Quantity, Section, Several, Size, hide_default
 from wovenfab.case.units import write
@@ -149,13 +149,15 @@ BOTH = (1, 2)
 
 def _held(value: Any) -> bool:
     if value not in _ROTATIONS:
-        raise wrong(f"expected {one_of(_ROTATIONS)}, got {describe(value)}")
+        raise value_error(f"expected {one_of(_ROTATIONS)}, got {describe(value)}")
     return bool(value == "held")
 
 
 def _families(value: Any) -> tuple[int, ...]:
     if isinstance(value, bool) or value not in BOTH:
-        raise wrong(f"expected family 1 or 2, got {describe(value)}", "Leave it out for both.")
+        raise value_error(
+            f"expected family 1 or 2, got {describe(value)}", "Leave it out for both."
+        )
     return (int(value),)
 
 
@@ -230,7 +232,7 @@ class EdgeCondition(Section):
         return frozenset().union(*moving, *map(programs_in, self.force or ()))
 
     @property
-    def burdens_the_start(self) -> bool:
+    def acts_initially(self) -> bool:
         """Whether it has a force or a displacement that does not follow a program."""
         held = [c.expression or c.offset for c in self.components if c.held and not c.follows]
         given = (*held, *(load for load in self.force or () if not programs_in(load)))
@@ -243,20 +245,20 @@ class EdgeCondition(Section):
         if data == "clamp":
             data = {"clamp": "placement"}
         if not isinstance(data, dict):
-            raise wrong(
+            raise value_error(
                 f"expected 'clamp', 'clamp: rotation' or a displacement, got {describe(data)}",
                 near_miss(data, ["clamp"]) or "For example {displacement: [program, 0]}.",
             )
         if "clamp" not in data:
             return data
         if data.keys() - {"clamp", "family"}:
-            raise wrong(
+            raise value_error(
                 "'clamp' holds all of the edge and stands alone",
                 "Leave out the other keys, or 'clamp'.",
             )
         how = data["clamp"]
         if how not in _CLAMPS:
-            raise wrong(
+            raise value_error(
                 f"expected clamp: {one_of(_CLAMPS)}, got {describe(how)}", near_miss(how, _CLAMPS)
             )
         rest = {key: value for key, value in data.items() if key != "clamp"}
@@ -265,18 +267,18 @@ class EdgeCondition(Section):
     @model_validator(mode="after")
     def _sensible(self) -> EdgeCondition:
         if not self.model_fields_set & {"displacement", "frame", "rotation", "force"}:
-            raise wrong(
+            raise value_error(
                 "expected a displacement, a frame, a rotation or a force",
                 "For example {displacement: [program, 0]}.",
             )
         if self.frame and self.model_fields_set & {"displacement", "rotation", "force"}:
-            raise wrong(
+            raise value_error(
                 "'frame' prescribes both displacements, and the yarns turn with its bars",
                 "Leave out displacement, rotation and force, or 'frame'.",
             )
         for axis, component, load in zip("xy", self.components, self.force or (), strict=False):
             if component.held and load != 0:
-                raise wrong(
+                raise value_error(
                     f"the displacement along {axis} is prescribed, so that a force along it "
                     "changes nothing",
                     f"Let it be 'free' there, or make the force along {axis} zero.",
@@ -314,7 +316,7 @@ class EdgeCondition(Section):
 def _apart(conditions: tuple[EdgeCondition, ...]) -> tuple[EdgeCondition, ...]:
     given = [family for condition in conditions for family in condition.families]
     if len(given) > len(set(given)):
-        raise wrong(
+        raise value_error(
             "two conditions of this edge are for the same family",
             "Make them one, or give them 'family: 1' and 'family: 2'.",
         )

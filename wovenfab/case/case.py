@@ -50,12 +50,12 @@ from wovenfab.case.effects import (
     needs_of_scene,
     quantity,
 )
-from wovenfab.case.errors import CaseError, KeyPath, Problem, key_path, problems_in
-from wovenfab.case.program import SECOND, Segment, Segments, Table, planned_steps
+from wovenfab.case.errors import CaseError, CaseProblem, KeyPath, key_path, problems_in
+from wovenfab.case.program import SECOND, Segments, SegmentSection, TableSection, planned_steps
 from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
-    Output,
+    OutputSection,
     Rectangle,
     Sheet,
     Solver,
@@ -141,7 +141,7 @@ class Case(Section):
     solver: Solver = Solver()
     """Newton's method."""
 
-    output: Output = Output()
+    output: OutputSection = OutputSection()
     """What is written besides the history."""
 
     _name: str = PrivateAttr(default="case")
@@ -194,12 +194,12 @@ class Case(Section):
         return planned + len(self.time.extra_times)
 
     @property
-    def programs(self) -> Mapping[str, tuple[Segment, ...]]:
+    def programs(self) -> Mapping[str, tuple[SegmentSection, ...]]:
         """The segments of each program by its key."""
         second = {} if self.second_program is None else {SECOND: self.second_program}
         return {"program": self.program} | second
 
-    def problem(self, key: str, message: str, remedy: str = "") -> Problem:
+    def problem(self, key: str, message: str, remedy: str = "") -> CaseProblem:
         """Return a problem with the file and line of its key; arguments as in ``Problem``."""
         return self._origin.places.problem(key_path(key), message, remedy)
 
@@ -248,7 +248,7 @@ class Case(Section):
             for path, value, kind in dict.fromkeys(found)
             if places.locate(path)[-1:] == path[-1:]  # not a default
         )
-        tables = (s for s in sections.values() if isinstance(s, Table) and s.tolerance)
+        tables = (s for s in sections.values() if isinstance(s, TableSection) and s.tolerance)
         return [
             *(f"warning: {problem}" for problem in problems),
             *(
@@ -397,7 +397,7 @@ def _listed(overrides: str | Overrides) -> Iterator[str]:
         yield from overrides
 
 
-def _combinations(sections: dict[str, Any], document: Document) -> Iterator[Problem]:
+def _combinations(sections: dict[str, Any], document: Document) -> Iterator[CaseProblem]:
     for location, message, remedy in findings(sections):
         yield document.problem(document.locate(location), message, remedy)
 

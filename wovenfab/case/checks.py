@@ -24,10 +24,10 @@ from wovenfab.case.effects import (
     Scene,
     SceneEffect,
     Value,
-    acting,
-    lacking,
+    acting_effects,
+    effects_that_resist,
+    missing_resistance,
     needs_of_scene,
-    providers,
     quantity,
     resisted,
     with_second_gradient,
@@ -38,8 +38,8 @@ from wovenfab.case.formula import Expression
 from wovenfab.case.petsc import refused
 from wovenfab.case.program import (
     Finding,
-    Hold,
-    Segment,
+    HoldSection,
+    SegmentSection,
     force_control,
     joints,
     reached,
@@ -48,7 +48,7 @@ from wovenfab.case.program import (
 )
 from wovenfab.case.schema import (
     Discretisation,
-    Output,
+    OutputSection,
     Rectangle,
     SheetFile,
     Solver,
@@ -57,7 +57,7 @@ from wovenfab.case.schema import (
 )
 
 Array = NDArray[np.float64]
-Program = tuple[Segment, ...]
+Program = tuple[SegmentSection, ...]
 
 #: A force that follows the program, as a remedy.
 GROWING = "'10 N/m * program/40 mm'"
@@ -72,12 +72,12 @@ def _initial_loads(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 
     At rest friction carries nothing, so that there is no state to begin with.
     """
-    acts = acting(scene)
-    lack = lacking(scene, [e for e in acts if not e.effect.dissipative])
-    if not lack or lacking(scene, acts):
+    acts = acting_effects(scene)
+    lack = missing_resistance(scene, [e for e in acts if not e.effect.dissipative])
+    if not lack or missing_resistance(scene, acts):
         return
     for name, i, condition in conditions_of(boundary):
-        if condition.burdens_the_start:
+        if condition.acts_initially:
             yield (
                 ("boundary", name, i),
                 f"acts from the start, but without friction {lack[1]}, so that there is no rest",
@@ -86,9 +86,9 @@ def _initial_loads(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 
 
 def _sound(scene: Scene) -> Iterator[Finding]:
-    if lack := lacking(scene, acting(scene)):
+    if lack := missing_resistance(scene, acting_effects(scene)):
         resistance, reason = lack
-        resisting = one_of(providers(resistance, scene))
+        resisting = one_of(effects_that_resist(resistance, scene))
         yield ("effects",), reason, f"That takes {resisting}, with values above zero."
 
 
@@ -103,7 +103,7 @@ def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[F
 def _held(sheet: Rectangle | SheetFile, scene: Scene, boundary: Boundary) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
         known = {name: boundary[name] for name in boundary if name in EDGES}
-        sheared = "shearing" in resisted(acting(scene))
+        sheared = "shearing" in resisted(acting_effects(scene))
         motion = free_motion((sheet.length, sheet.width), sheet.fibres, known, sheared)
     else:
         components = [c.components for _, _, c in conditions_of(boundary)]
@@ -181,7 +181,7 @@ def _one_family(scene: Scene, boundary: Boundary) -> Iterator[Finding]:
 
 def _program_used(boundary: Boundary, program: Program) -> Iterator[Finding]:
     conditions = [c for _, _, c in conditions_of(boundary)]
-    moves = any(not isinstance(segment, Hold) for segment in program)
+    moves = any(not isinstance(segment, HoldSection) for segment in program)
     if moves and not any("program" in c.follows for c in conditions):
         remedy = "For example 'right: {displacement: [program, 0]}' in boundary."
         if any(c.force for c in conditions):
@@ -208,7 +208,7 @@ def _degree(scene: Scene, discretisation: Discretisation) -> Iterator[Finding]:
         yield ("discretisation", "degree"), reason, ""
 
 
-def _fields(scene: Scene, output: Output) -> Iterator[Finding]:
+def _fields(scene: Scene, output: OutputSection) -> Iterator[Finding]:
     if output.lines and not output.fields:
         reason = "the list is empty, and probes of lines and yarns are of stored fields"
         yield ("output", "fields"), reason, "Leave the key out, or name a field."
@@ -309,12 +309,12 @@ def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
 
 def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
     """Yield what nothing resists at any of some points, where formulas vanish."""
-    if lacking(scene, acting(scene)):
+    if missing_resistance(scene, acting_effects(scene)):
         return  # which is so everywhere
     active = np.array([_acting(e, x, y) for e in scene])
     patterns, first = np.unique(active, axis=1, return_index=True)
     for pattern, i in zip(patterns.T, first, strict=True):
-        lack = lacking(scene, [e for e, on in zip(scene, pattern, strict=True) if on])
+        lack = missing_resistance(scene, [e for e, on in zip(scene, pattern, strict=True) if on])
         if lack:
             place = _place(x, y, int(i))
             yield ("effects",), f"{lack[1]} at {place}", "Keep the values above zero there."

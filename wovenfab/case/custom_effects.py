@@ -24,7 +24,7 @@ from wovenfab import forms
 from wovenfab.case import units
 from wovenfab.case.document import FILE, LAW, existing_file
 from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
-from wovenfab.case.errors import one_of, refusal, wrong
+from wovenfab.case.errors import case_error, one_of, value_error
 from wovenfab.forms.effect import Effect, Values
 from wovenfab.forms.kinematics import Point, point_of
 from wovenfab.lacking import LackingError
@@ -49,19 +49,19 @@ def custom_effects(files: Mapping[str, Any], folder: Path) -> CustomEffects:
 def _custom_effect(key: str, value: Any, folder: Path) -> CustomEffect:
     path = existing_file(value, folder, (".py",))
     if key in forms.effects():
-        raise wrong(f"there is an effect '{key}' already", "Give yours another name.")
+        raise value_error(f"there is an effect '{key}' already", "Give yours another name.")
     if not _NAME.fullmatch(key):
-        raise wrong("the name of an effect is a letter, then letters, digits and '_'")
+        raise value_error("the name of an effect is a letter, then letters, digits and '_'")
     effect = _loaded(path, value)
     if effect.name != key:
-        raise wrong(
+        raise value_error(
             f"{value} defines the effect '{effect.name}', not '{key}'",
             f"Use '{effect.name}' as the key here, or set name=\"{key}\" there.",
         )
     with _faults(path, value):
         resisted = frozenset().union(*(law.resists for law in effect.all_laws))
         if unknown := sorted(resisted - set(RESISTIBLE)):
-            raise wrong(
+            raise value_error(
                 f"{value}: the effect resists '{unknown[0]}', which is not known",
                 f"It may be {one_of(RESISTIBLE)}.",
             )
@@ -80,7 +80,7 @@ def _faults(path: Path, value: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:
         line = "".join(f":{line}" for line in _lines(error, path)[-1:])
-        raise wrong(f"{value}{line}: {in_brief(error)}", REMEDY) from error
+        raise value_error(f"{value}{line}: {in_brief(error)}", REMEDY) from error
 
 
 def _loaded(path: Path, value: str) -> Effect:
@@ -93,18 +93,18 @@ def _loaded(path: Path, value: str) -> Effect:
         exec(compile(path.read_bytes(), str(path), "exec", dont_inherit=True), module.__dict__)
     except SyntaxError as error:
         line = error.lineno if error.filename == str(path) else _line(error, path)
-        raise wrong(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
+        raise value_error(f"{value}:{line}: {error.msg}", "This is not valid Python.") from error
     except (Exception, SystemExit) as error:
         old = isinstance(error, ImportError) and (error.name or "").partition(".")[0] == "forms"
         remedy = "Import from wovenfab.forms in place of forms." if old else ""
-        raise wrong(f"{value}:{_line(error, path)}: {in_brief(error)}", remedy) from error
+        raise value_error(f"{value}:{_line(error, path)}: {in_brief(error)}", remedy) from error
     finally:
         sys.modules.pop(module.__name__)
     if "EFFECT" not in module.__dict__:
-        raise wrong(f"{value} defines no EFFECT", "It must end with 'EFFECT = Effect(...)'.")
+        raise value_error(f"{value} defines no EFFECT", "It must end with 'EFFECT = Effect(...)'.")
     effect = module.__dict__["EFFECT"]
     if not isinstance(effect, Effect):
-        raise wrong(
+        raise value_error(
             f"EFFECT in {value} is of type {type(effect).__name__}, not Effect",
             "It must be an Effect of wovenfab.forms.effect.",
         )
@@ -128,7 +128,7 @@ def _check_parameters(effect: Effect, value: str) -> None:
     for one, kind in reversed(named):
         if not _NAME.fullmatch(one.name) or one.name in RESERVED or times[one.name] > 1:
             article = "an" if kind[0] in "aeiou" else "a"
-            raise wrong(
+            raise value_error(
                 f"{value}: {article} {kind} cannot be named {one.name!r}",
                 f"Names are unique, of letters, digits and '_', and not {one_of(RESERVED)}.",
             )
@@ -136,9 +136,9 @@ def _check_parameters(effect: Effect, value: str) -> None:
         try:
             factor, _ = units.in_si("" if one.unit == "1" else one.unit)
         except ValueError as error:
-            raise wrong(f"{value}: the {kind} '{one.name}' has {error}") from error
+            raise value_error(f"{value}: the {kind} '{one.name}' has {error}") from error
         if factor != 1:
-            raise wrong(
+            raise value_error(
                 f"{value}: the unit '{one.unit}' of '{one.name}' is not an SI unit",
                 "Write it in m, kg, s, N, J or rad; a case may use any other.",
             )
@@ -170,7 +170,7 @@ def custom_effect_errors(scene: Scene) -> Iterator[None]:
         guilty = {file: of[-1] for file, of in lines.items() if of} or dict.fromkeys(lines)
         files, line = ", ".join(file.name for file in guilty), next(iter(guilty.values()))
         message = f"the effect cannot be compiled: {in_brief(error)}"
-        raise refusal(files, message, REMEDY, line) from error
+        raise case_error(files, message, REMEDY, line) from error
 
 
 def _require_numbers(effect: Effect) -> None:

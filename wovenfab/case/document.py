@@ -18,8 +18,9 @@ from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 from wovenfab.case.errors import (
     OVERRIDE,
     CaseError,
+    CaseProblem,
     KeyPath,
-    Problem,
+    case_error,
     describe,
     dotted,
     joined,
@@ -27,8 +28,7 @@ from wovenfab.case.errors import (
     near_miss,
     one_of,
     reason,
-    refusal,
-    wrong,
+    value_error,
 )
 
 #: Key of a value that names a file, wherever it stands in a case.
@@ -62,9 +62,9 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
     """
     folder = value.folder if isinstance(value, FileName) else folder
     if not isinstance(value, str) or not value:
-        raise wrong(f"expected the name of a file, got {describe(value)}")
+        raise value_error(f"expected the name of a file, got {describe(value)}")
     if suffixes and Path(value).suffix.lower() not in suffixes:
-        raise wrong(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
+        raise value_error(f"expected a file that ends in {one_of(suffixes)}, got {describe(value)}")
     path: Path | None = None
     with suppress(OSError, ValueError):  # such as a name that is too long
         found = (folder / value).resolve()
@@ -72,11 +72,13 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
             path = found
     if path is None:
         kind = "file" if suffixes else "folder"
-        raise wrong(f"there is no {kind} {describe(value)}", "Names are relative to the case file.")
+        raise value_error(
+            f"there is no {kind} {describe(value)}", "Names are relative to the case file."
+        )
     if suffixes and path.suffix.lower() != Path(value).suffix.lower():
         # the name must say what is read: a .geo is a program
         what = f"{describe(value)} is a link to {describe(path.name)}"
-        raise wrong(what, "Name that file itself.")
+        raise value_error(what, "Name that file itself.")
     return path
 
 
@@ -135,11 +137,11 @@ class Places:
         holders = (path[:n] for n in range(len(path), -1, -1))
         return next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
 
-    def problem(self, path: KeyPath, message: str, remedy: str = "") -> Problem:
+    def problem(self, path: KeyPath, message: str, remedy: str = "") -> CaseProblem:
         """Return the problem of the value at ``path``, or of what should hold it."""
-        return Problem(*self.place(path), dotted(path), message, remedy)
+        return CaseProblem(*self.place(path), dotted(path), message, remedy)
 
-    def in_order(self, problems: Iterable[Problem]) -> list[Problem]:
+    def in_order(self, problems: Iterable[CaseProblem]) -> list[CaseProblem]:
         """Return problems in the order in which this case is read: by file, then by line."""
         files = list(dict.fromkeys(place.file for place in self.places.values()))
         return sorted(problems, key=lambda p: (files.index(p.file), p.line) if p.line else (-1, 0))
@@ -189,13 +191,13 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
     except MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else None
         problem = ", ".join(filter(None, (error.context, error.problem)))
-        raise refusal(file, f"this is not valid YAML: {problem}", "", line) from error
+        raise case_error(file, f"this is not valid YAML: {problem}", "", line) from error
     except (YAMLError, ValueError, OverflowError) as error:  # the last two of "\U00110000"
-        raise refusal(file, "this is not text: it has control characters in it") from error
+        raise case_error(file, "this is not text: it has control characters in it") from error
     except RecursionError as error:
-        raise refusal(file, "lists or mappings are nested too deeply") from error
+        raise case_error(file, "lists or mappings are nested too deeply") from error
     if root is None:
-        raise refusal(file, "the file is empty", "Start from one of those in configs/.")
+        raise case_error(file, "the file is empty", "Start from one of those in configs/.")
     reader = _Reader(file, folder)
     data = reader.read(root, ())
     if reader.problems:
@@ -206,19 +208,19 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
 def _text_of(path: Path) -> str:
     try:
         if path.is_dir():
-            raise refusal(str(path), "this is a folder", "Name the case file in it.")
+            raise case_error(str(path), "this is a folder", "Name the case file in it.")
         if not path.is_file():
             what = "this is not an ordinary file" if path.exists() else "there is no such file"
-            raise refusal(str(path), what)
+            raise case_error(str(path), what)
         if path.stat().st_size > _LARGEST_FILE:
-            raise refusal(str(path), "this is too large to be a case file (more than 1 MB)")
+            raise case_error(str(path), "this is too large to be a case file (more than 1 MB)")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = path.read_bytes()[: error.start].count(b"\n") + 1
         what, remedy = "this is not UTF-8 text", "Save the file in UTF-8."
-        raise refusal(str(path), what, remedy, line) from error
+        raise case_error(str(path), what, remedy, line) from error
     except OSError as error:
-        raise refusal(str(path), f"the file cannot be read: {error.strerror}") from error
+        raise case_error(str(path), f"the file cannot be read: {error.strerror}") from error
 
 
 class _Reader:
@@ -228,14 +230,14 @@ class _Reader:
         self.file, self.folder = file, folder
         self.scalar = YAML(typ="safe", pure=True).constructor.construct_object
         self.lines: dict[KeyPath, int] = {}
-        self.problems: list[Problem] = []
+        self.problems: list[CaseProblem] = []
 
     def read(self, node: Any, path: KeyPath) -> Any:
         line = node.start_mark.line + 1
         self.lines.setdefault(path, line)
         # An alias is read where it stands, and may even lead back to itself.
         if len(path) > _DEEPEST or len(self.lines) > _MOST_VALUES:
-            raise refusal(self.file, "lists or mappings are nested too deeply", "", line)
+            raise case_error(self.file, "lists or mappings are nested too deeply", "", line)
         match node:
             case MappingNode():
                 return dict(self._pairs(node, path))
@@ -273,7 +275,7 @@ class _Reader:
             yield key.value, self.read(value, here)
 
     def _problem(self, line: int, path: KeyPath, *words: str) -> None:
-        self.problems.append(Problem(self.file, line, dotted(path), *words))
+        self.problems.append(CaseProblem(self.file, line, dotted(path), *words))
 
 
 FROM = "from"
@@ -374,7 +376,7 @@ def override(document: Document, text: str) -> Document:
     path = key_path(key)
     if not equals or "" in path:
         remedy = "For example --set time.steps_per_cycle=160."
-        raise refusal(OVERRIDE, f"expected 'key=value', got {text!r}", remedy)
+        raise case_error(OVERRIDE, f"expected 'key=value', got {text!r}", remedy)
     try:
         given = parse_document(value if value.strip() else "null", OVERRIDE)
     except CaseError as error:
@@ -420,4 +422,4 @@ def _with(data: Any, path: KeyPath, value: Any, above: KeyPath = ()) -> Any:
 
 def _no_place(path: KeyPath, holder: str) -> CaseError:
     above = dotted(path[:-1]) or "the case"
-    return refusal(OVERRIDE, f"there is no such key, for {above} is {holder}", key=dotted(path))
+    return case_error(OVERRIDE, f"there is no such key, for {above} is {holder}", key=dotted(path))

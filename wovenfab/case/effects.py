@@ -157,7 +157,7 @@ def needs_of_scene(scene: Scene) -> Needs:
     )
 
 
-def acting(scene: Scene) -> list[SceneEffect]:
+def acting_effects(scene: Scene) -> list[SceneEffect]:
     """Return the effects without a zero among their values; formulas are taken as positive."""
     return [e for e in scene if all(map(_positive, e.values.values()))]
 
@@ -167,7 +167,7 @@ def resisted(effects: Iterable[SceneEffect]) -> frozenset[str]:
     return frozenset().union(*(e.effect.resists for e in effects))
 
 
-def lacking(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | None:
+def missing_resistance(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | None:
     """Return what no effect resists and that in a sentence, or None for a sound sheet.
 
     Bending does in place of shear: among fibres that keep their length, the only
@@ -189,7 +189,7 @@ def lacking(scene: Scene, act: Collection[SceneEffect]) -> tuple[str, str] | Non
     return None
 
 
-def providers(resistance: str, scene: Scene = ()) -> list[str]:
+def effects_that_resist(resistance: str, scene: Scene = ()) -> list[str]:
     """Return the names of all effects that resist something, those of a scene included."""
     known = {**forms.effects(), **{e.name: e.effect for e in scene}}
     return [name for name, effect in known.items() if resistance in effect.resists]

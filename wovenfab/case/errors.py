@@ -18,7 +18,7 @@ KeyPath = tuple[str | int, ...]
 
 
 @dataclass(frozen=True)
-class Problem:
+class CaseProblem:
     """One thing that is wrong with a case.
 
     Attributes:
@@ -58,7 +58,7 @@ class CaseError(Exception):
         problems: The reasons, in the order of the file.
     """
 
-    def __init__(self, problems: Iterable[Problem]) -> None:
+    def __init__(self, problems: Iterable[CaseProblem]) -> None:
         """Keep each problem once."""
         self.problems = tuple(dict.fromkeys(problems))
         super().__init__(self.problems)
@@ -72,11 +72,11 @@ class CaseError(Exception):
         return f"CaseError({str(self)!r})"
 
 
-def refusal(
+def case_error(
     file: str, message: str, remedy: str = "", line: int | None = None, key: str = ""
 ) -> CaseError:
     """Return the error of a case with one problem; arguments as in :class:`Problem`."""
-    return CaseError([Problem(file, line, key, message, remedy)])
+    return CaseError([CaseProblem(file, line, key, message, remedy)])
 
 
 class FormulaError(ValueError):
@@ -92,7 +92,7 @@ class FormulaError(ValueError):
         self.remedy = remedy
 
 
-def wrong(message: str, remedy: str = "") -> PydanticCustomError:
+def value_error(message: str, remedy: str = "") -> PydanticCustomError:
     """Return the error to raise in a validator; arguments as in :class:`Problem`."""
     return PydanticCustomError("wrong", "{message}", {"message": message, "remedy": remedy})
 
@@ -154,7 +154,7 @@ def _short(text: str) -> str:
 
 def problems_in(
     error: ValidationError, document: Document, schema: Mapping[str, Any]
-) -> Iterator[Problem]:
+) -> Iterator[CaseProblem]:
     """Yield a problem for each error of pydantic for the document's data.
 
     ``schema`` is the JSON Schema of the case, for the keys that there are.

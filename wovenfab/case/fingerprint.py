@@ -16,7 +16,7 @@ from pathlib import Path
 
 import wovenfab
 from wovenfab import forms
-from wovenfab.case import Case, Rectangle, Table
+from wovenfab.case import Case, Rectangle, TableSection
 from wovenfab.record.field_file import newest_checkpoint
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.versions import dolfinx
@@ -58,7 +58,7 @@ def contents_of(case: Case) -> dict[str, str]:
     contents = {f"{EFFECT} {e.name}": _content(e.file) for e in case.scene if e.file is not None}
     if not isinstance(case.sheet, Rectangle):
         contents[GEOMETRY] = digest(*map(_content, geometry_files(case.sheet.file)))
-    tables = (s for s in chain(*case.programs.values()) if isinstance(s, Table))
+    tables = (s for s in chain(*case.programs.values()) if isinstance(s, TableSection))
     contents |= {f"{TABLE} {i}": _content(t.samples.file) for i, t in enumerate(tables)}
     if case.from_state is not None:
         contents[STATE] = _state(case.from_state)
@@ -69,7 +69,7 @@ def case_files(case: Case) -> list[Path]:
     """Return the files that a case names itself."""
     named = [e.file for e in case.scene if e.file is not None]
     segments = chain(*case.programs.values())
-    named += [segment.samples.file for segment in segments if isinstance(segment, Table)]
+    named += [segment.samples.file for segment in segments if isinstance(segment, TableSection)]
     return named if isinstance(case.sheet, Rectangle) else [*named, case.sheet.file]
 
 

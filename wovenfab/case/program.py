@@ -19,7 +19,7 @@ from pydantic_core import core_schema
 from wovenfab.case import units
 from wovenfab.case.boundary import Boundary, conditions_of
 from wovenfab.case.effects import Scene, needs_of_scene
-from wovenfab.case.errors import KeyPath, wrong
+from wovenfab.case.errors import KeyPath, value_error
 from wovenfab.case.quantities import (
     AtLeastOne,
     Duration,
@@ -87,7 +87,7 @@ class _Segment(Section):
     model_config = ConfigDict(json_schema_extra=_require_type)
 
 
-class Cycles(_Segment):
+class CyclesSection(_Segment):
     """Cycles from where the last segment ended and back, A/2 (1 - cos(2 pi t/T)) each.
 
     Amplitudes with a unit of force prescribe the force that is conjugate to it.
@@ -111,15 +111,17 @@ class Cycles(_Segment):
     """The same for all cycles, so that T = 1 / frequency; all cycles at each of a list."""
 
     @model_validator(mode="after")
-    def _one_speed(self) -> Cycles:
+    def _one_speed(self) -> CyclesSection:
         kinds = {isinstance(amplitude, Newtons) for amplitude in self.amplitudes}
         if len(kinds) > 1:
-            raise wrong("amplitudes are either all lengths or all forces", "Use two segments.")
+            raise value_error(
+                "amplitudes are either all lengths or all forces", "Use two segments."
+            )
         if kinds == {True} and self.max_velocity is not None:
-            raise wrong(NO_VELOCITY.format("frequency"), "For example 'frequency: 1 Hz'.")
+            raise value_error(NO_VELOCITY.format("frequency"), "For example 'frequency: 1 Hz'.")
         if (self.max_velocity is None) == (self.frequency is None):
             both = "not both" if self.frequency else "got neither"
-            raise wrong(
+            raise value_error(
                 f"expected either max_velocity or frequency, {both}",
                 "For example 'max_velocity: 0.5 m/s'.",
             )
@@ -137,7 +139,7 @@ class Cycles(_Segment):
         )
 
 
-class Ramp(_Segment):
+class RampSection(_Segment):
     """A straight line in time to a displacement or a force."""
 
     type: Literal["ramp"] = Field(default="ramp", json_schema_extra=hide_default)
@@ -156,11 +158,11 @@ class Ramp(_Segment):
     """How long it takes."""
 
     @model_validator(mode="after")
-    def _one_speed(self) -> Ramp:
+    def _one_speed(self) -> RampSection:
         if self.velocity is not None and self.duration is not None:
-            raise wrong("expected either velocity or duration, not both")
+            raise value_error("expected either velocity or duration, not both")
         if isinstance(self.to, Newtons) and self.velocity is not None:
-            raise wrong(NO_VELOCITY.format("duration"), "For example 'duration: 10 s'.")
+            raise value_error(NO_VELOCITY.format("duration"), "For example 'duration: 10 s'.")
         return self
 
     def segment(self, per_cycle: int) -> segments.Ramp:
@@ -169,7 +171,7 @@ class Ramp(_Segment):
         return segments.Ramp(self.to, self.steps, self.duration, self.velocity, force)
 
 
-class Hold(_Segment):
+class HoldSection(_Segment):
     """A rest at the displacement or the force reached."""
 
     type: Literal["hold"] = Field(default="hold", json_schema_extra=hide_default)
@@ -190,7 +192,7 @@ class Hold(_Segment):
         return segments.Hold(self.duration, self.steps, force)
 
 
-class Trapezoid(_Segment):
+class TrapezoidSection(_Segment):
     """A ramp to a displacement, a hold, the ramp back and, if asked for, a rest: a load cycle."""
 
     type: Literal["trapezoid"] = Field(default="trapezoid", json_schema_extra=hide_default)
@@ -219,7 +221,7 @@ class Trapezoid(_Segment):
     def _no_force(cls, data: Any) -> Any:
         if isinstance(data, dict) and is_force(data.get("to")):  # before its keys are asked for
             remedy = "Write two ramps with a duration and a hold between them."
-            raise wrong("a trapezoid goes to a displacement, not to a force", remedy)
+            raise value_error("a trapezoid goes to a displacement, not to a force", remedy)
         return data
 
     def segment(self, per_cycle: int) -> segments.Trapezoid:
@@ -229,7 +231,7 @@ class Trapezoid(_Segment):
         )
 
 
-class Table(_Segment):
+class TableSection(_Segment):
     """Any displacement or force against time, linear between the rows, which are the steps."""
 
     type: Literal["table"] = Field(default="table", json_schema_extra=hide_default)
@@ -255,20 +257,23 @@ class Table(_Segment):
         return segments.Table(samples.times, samples.values, self.steps, samples.force)
 
 
-Segment = Annotated[Cycles | Ramp | Hold | Trapezoid | Table, Field(discriminator="type")]
+SegmentSection = Annotated[
+    CyclesSection | RampSection | HoldSection | TrapezoidSection | TableSection,
+    Field(discriminator="type"),
+]
 
 
-def segments_of(program: Iterable[Segment], per_cycle: int = 2) -> list[segments.Segment]:
+def segments_of(program: Iterable[SegmentSection], per_cycle: int = 2) -> list[segments.Segment]:
     """Return the segments that sections describe, with so many steps in each cycle."""
     return [section.segment(per_cycle) for section in program]
 
 
-def prescribe_forces(program: Iterable[Segment]) -> list[bool]:
+def prescribe_forces(program: Iterable[SegmentSection]) -> list[bool]:
     """Return of each segment whether it prescribes a force, which is conjugate to it."""
     return segments.prescribe_forces(segments_of(program))
 
 
-def reached(program: Iterable[Segment]) -> list[float]:
+def reached(program: Iterable[SegmentSection]) -> list[float]:
     """Return displacements (m) that a program prescribes, and turning points."""
     return segments.reached(segments_of(program))
 
@@ -289,7 +294,7 @@ def _plan(case: Case) -> tuple[list[segments.Segment], list[segments.Segment], t
     return first, second[0] if second else [], case.time.extra_times
 
 
-def joints(program: Sequence[Segment]) -> Iterator[Finding]:
+def joints(program: Sequence[SegmentSection]) -> Iterator[Finding]:
     """Yield where segments do not follow each other, and the remedy."""
     here: float | None = 0.0  # None where it is not known beforehand
     before = False
@@ -297,18 +302,18 @@ def joints(program: Sequence[Segment]) -> Iterator[Finding]:
         here = here if force == before else None
         what, unit = ("force", "N") if force else ("displacement", "m")
         match segment:
-            case Ramp(to=end) | Trapezoid(to=end):
+            case RampSection(to=end) | TrapezoidSection(to=end):
                 if end == here:
                     already = f"the {what} is {here:g} {unit} already"
                     yield ("program", i, "to"), already, "Use {type: hold} to wait."
                 if here is None and segment.velocity:
                     unknown = "where it starts is not known, since a force was prescribed before"
                     remedy = "Ramp to a displacement first."
-                    if isinstance(segment, Ramp):
+                    if isinstance(segment, RampSection):
                         remedy = "Give a duration instead."
                     yield ("program", i, "velocity"), unknown, remedy
-                here = here if isinstance(segment, Trapezoid) else end
-            case Table(samples=samples):
+                here = here if isinstance(segment, TrapezoidSection) else end
+            case TableSection(samples=samples):
                 path, start = ("program", i, "file"), samples.values[0]
                 if samples.times[0] == 0 and start != here:
                     at = "another one" if here is None else f"{here:g} {unit}"
@@ -321,7 +326,7 @@ def joints(program: Sequence[Segment]) -> Iterator[Finding]:
 
 
 def force_control(
-    boundary: Boundary, program: Sequence[Segment], solver: Solver, accuracy: float | None
+    boundary: Boundary, program: Sequence[SegmentSection], solver: Solver, accuracy: float | None
 ) -> Iterator[Finding]:
     """Yield why a program of forces cannot be, and the remedy."""
     forces, instead = prescribe_forces(program), "Leave this key out, or prescribe displacements."
@@ -336,10 +341,10 @@ def force_control(
         yield ("accuracy",), "errors under a prescribed force are not estimated", instead
 
 
-def speeds(scene: Scene, program: Sequence[Segment]) -> Iterator[Finding]:
+def speeds(scene: Scene, program: Sequence[SegmentSection]) -> Iterator[Finding]:
     """Yield ramps that take no time where an effect depends on rates."""
     for i, segment in enumerate(program):
-        timeless = isinstance(segment, Ramp) and not (segment.velocity or segment.duration)
+        timeless = isinstance(segment, RampSection) and not (segment.velocity or segment.duration)
         if timeless and needs_of_scene(scene).rate:
             what = "a velocity or a duration is needed, because an effect depends on rates"
             yield ("program", i), what, "For example 'velocity: 0.1 m/s', or 'duration: 1 s'."
@@ -348,7 +353,7 @@ def speeds(scene: Scene, program: Sequence[Segment]) -> Iterator[Finding]:
 def second(
     scene: Scene,
     boundary: Boundary,
-    second_program: Sequence[Segment] | None,
+    second_program: Sequence[SegmentSection] | None,
     accuracy: float | None,
 ) -> Iterator[Finding]:
     """Yield what is wrong in or with a second program, and the remedy."""
@@ -371,7 +376,7 @@ def second(
         yield ("accuracy",), reason, f"Leave this key out, or '{SECOND}'."
 
 
-def planned_steps(program: Iterable[Segment], per_cycle: int) -> int:
+def planned_steps(program: Iterable[SegmentSection], per_cycle: int) -> int:
     """Return the number of planned steps, with ``per_cycle`` steps in each cycle."""
     return sum(segment.planned for segment in segments_of(program, per_cycle))
 
@@ -381,7 +386,7 @@ def _without_brackets(segments: list[Any]) -> Any:
 
 
 Segments = Annotated[
-    tuple[Segment, ...],
+    tuple[SegmentSection, ...],
     OneOr(),
     PlainSerializer(
         lambda s: _without_brackets(

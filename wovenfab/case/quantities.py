@@ -27,7 +27,7 @@ from wovenfab.case.errors import (
     near_miss,
     one_of,
     problems_in,
-    wrong,
+    value_error,
 )
 from wovenfab.case.formula import Expression, is_formula
 
@@ -41,7 +41,12 @@ class Section(BaseModel):
         CaseError: It is built in Python from values that a case file may not have either.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True,
+        extra="forbid",
+        use_attribute_docstrings=True,
+        model_title_generator=lambda model: model.__name__.removesuffix("Section"),
+    )
 
     def __init__(self, /, **data: Any) -> None:
         """Check the values, which are numbers in SI units or texts as in a case file."""
@@ -124,7 +129,7 @@ class _Scalar:
     def check(self, value: float, text: Any) -> None:
         """Raise if the value is out of bounds."""
         if problem := self.broken(value):
-            raise wrong(f"must {problem}, got {describe(text)}")
+            raise value_error(f"must {problem}, got {describe(text)}")
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -181,9 +186,9 @@ class Quantity(_Scalar):
         except (ValueError, OverflowError) as error:
             words = f"{one_of(self.words)}, or " if self.words else ""
             reason = f"expected {words}{units.kind(self.unit)}, got {error}"
-            raise wrong(reason, near_miss(value, self.words)) from error
+            raise value_error(reason, near_miss(value, self.words)) from error
         if number and not LEAST < abs(number) < MOST:
-            raise wrong(f"{describe(value)} is beyond what can be computed with", SIZES)
+            raise value_error(f"{describe(value)} is beyond what can be computed with", SIZES)
         self.check(number, value)
         return number
 
@@ -192,13 +197,13 @@ class Quantity(_Scalar):
         try:
             expression = Expression(text, self.unit)
         except FormulaError as error:
-            raise wrong(str(error), error.remedy) from error
+            raise value_error(str(error), error.remedy) from error
         if expression.constant is not None:
             self.check(expression.constant, text)
             return expression.constant
         if unknown := sorted(expression.variables - set(self.variables)):
             remedy = f"This formula may depend on {one_of(self.variables)}."
-            raise wrong(f"'{unknown[0]}' cannot be used here", remedy)
+            raise value_error(f"'{unknown[0]}' cannot be used here", remedy)
         return expression
 
     def doubts(self, value: float) -> tuple[str, str]:
@@ -243,7 +248,7 @@ def is_force(value: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class Interval(Quantity):
+class TimeOrSteps(Quantity):
     """A duration as text with its unit, a number of steps as a whole number, or false."""
 
     def read(self, value: Any) -> Any:
@@ -252,7 +257,9 @@ class Interval(Quantity):
             return value
         if isinstance(value, bool) or not isinstance(value, int | float | str):
             remedy = "For example '5 min', 100 for every 100 steps, or false."
-            raise wrong(f"expected a duration or a number of steps, got {describe(value)}", remedy)
+            raise value_error(
+                f"expected a duration or a number of steps, got {describe(value)}", remedy
+            )
         if isinstance(value, int):
             self.check(value, value)
             return value
@@ -281,10 +288,10 @@ class Count(_Scalar):
         """Return the whole number."""
         if isinstance(value, bool) or not isinstance(value, int):
             words = f"{one_of(self.words)}, or " if self.words else ""
-            raise wrong(f"expected {words}a whole number, got {describe(value)}")
+            raise value_error(f"expected {words}a whole number, got {describe(value)}")
         self.check(value, value)
         if self.even and value % 2:
-            raise wrong(f"must be even, got {value}")
+            raise value_error(f"must be even, got {value}")
         return int(value)
 
     def __get_pydantic_json_schema__(
@@ -317,7 +324,7 @@ class Several:
             value = lists.numbers_of(value) or value
         if isinstance(value, list | tuple):
             if problem := lists.mixed(value):
-                raise wrong(*problem)
+                raise value_error(*problem)
             return value
         return [value] * self.copies if self.copies else value
 

@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ValidationInfo
 
 from wovenfab.case.document import existing_file, folder_of
-from wovenfab.case.errors import describe, one_of, wrong
+from wovenfab.case.errors import describe, one_of, value_error
 
 COLUMNS, FORCE = ("time_s", "displacement_m"), "force_N"
 
@@ -51,29 +51,33 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
             table.fieldnames = header
             force = FORCE in header
             if force and COLUMNS[1] in header:
-                raise wrong(f"{value}:1: there are both {COLUMNS[1]} and {FORCE}", "Leave out one.")
+                raise value_error(
+                    f"{value}:1: there are both {COLUMNS[1]} and {FORCE}", "Leave out one."
+                )
             columns = (COLUMNS[0], FORCE) if force else COLUMNS
             if missing := [c for c in columns if c not in header]:
-                raise wrong(
+                raise value_error(
                     f"{value}:1: there is no column {one_of(missing)}",
                     f"The first line must be '{','.join(columns)}'.",
                 )
             rows = [_row(row, f"{value}:{table.line_num}", columns) for row in table]
     except (UnicodeDecodeError, csv.Error) as error:
-        raise wrong(f"{value}: this is not a text file with comma-separated values") from error
+        raise value_error(
+            f"{value}: this is not a text file with comma-separated values"
+        ) from error
     except OSError as error:
-        raise wrong(f"{value}: the file cannot be read: {error.strerror}") from error
+        raise value_error(f"{value}: the file cannot be read: {error.strerror}") from error
     if not rows:
-        raise wrong(f"{value}: the table is empty")
+        raise value_error(f"{value}: the table is empty")
     if rows[0][0] < 0:
-        raise wrong(f"{value}:2: times must not be negative, got {rows[0][0]}")
+        raise value_error(f"{value}:2: times must not be negative, got {rows[0][0]}")
     times, values, places = zip(*rows, strict=True)
     for before, time, place in zip(times, times[1:], places[1:], strict=False):
         if time <= before:
-            raise wrong(f"{place}: times must increase, got {time} after {before}")
+            raise value_error(f"{place}: times must increase, got {time} after {before}")
     if tolerance := info.data.get("tolerance"):
         if force:
-            raise wrong(
+            raise value_error(
                 f"{value}: a tolerance is a length, and the column is {FORCE}", "Leave it out."
             )
         corners = thinned(list(zip(times, values, strict=True)), tolerance)
@@ -90,7 +94,7 @@ def _row(row: dict[str, Any], place: str, columns: Iterable[str]) -> tuple[float
             value = math.nan
         if not math.isfinite(value):
             got = describe(row[column] or None)
-            raise wrong(f"{place}: {column} must be a finite number, got {got}")
+            raise value_error(f"{place}: {column} must be a finite number, got {got}")
         values.append(value)
     return values[0], values[1], place
 

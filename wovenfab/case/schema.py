@@ -21,20 +21,20 @@ from pydantic import (
 
 from wovenfab.case import units
 from wovenfab.case.document import existing_file, folder_of
-from wovenfab.case.errors import describe, wrong
+from wovenfab.case.errors import describe, value_error
 from wovenfab.case.quantities import (
     Angle,
     AtLeastOne,
     Count,
     Duration,
     Extent,
-    Interval,
     Length,
     OneOr,
     Quantity,
     Section,
     Several,
     Size,
+    TimeOrSteps,
 )
 from wovenfab.forms.effect import Needs
 from wovenfab.sheet import probes
@@ -46,12 +46,14 @@ GEOMETRIES = (".geo", ".msh", *STEP)
 
 def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
     if far := [a for a in fibres if abs(a) > 2 * math.pi + 1e-12]:
-        raise wrong(
+        raise value_error(
             f"{far[0]:g} rad is more than a full turn",
             f"Did you mean '{far[0]:g} deg'? Numbers without a unit are SI.",
         )
     if abs(math.sin(fibres[1] - fibres[0])) <= LEAST_CROSSING:
-        raise wrong("the two families are parallel", "They must cross, as in [45 deg, -45 deg].")
+        raise value_error(
+            "the two families are parallel", "They must cross, as in [45 deg, -45 deg]."
+        )
     return fibres
 
 
@@ -82,7 +84,9 @@ def _unit(value: Any) -> str:
     try:
         units.parse(f"1 {value}", "m")
     except ValueError as error:
-        raise wrong(f"expected a unit of length such as 'mm', got {describe(value)}") from error
+        raise value_error(
+            f"expected a unit of length such as 'mm', got {describe(value)}"
+        ) from error
     return str(value)
 
 
@@ -92,7 +96,7 @@ def _parameter(value: Any) -> float | str:
             number = units.parse_in(value, 1.0)
             return value if isinstance(value, str) else float(number)
     remedy = "A number is passed to the file as it is."
-    raise wrong(f"expected a number, a length or an angle, got {describe(value)}", remedy)
+    raise value_error(f"expected a number, a length or an angle, got {describe(value)}", remedy)
 
 
 class SheetFile(Section):
@@ -138,9 +142,9 @@ class SheetFile(Section):
     def _fits_the_file(self) -> SheetFile:
         if self.file.suffix.lower() in STEP and self.unit not in (None, "mm"):
             what = f"a .step file states its unit: {self.unit!r} would be wrong"
-            raise wrong(what, "Leave 'unit' out.")
+            raise value_error(what, "Leave 'unit' out.")
         if self.parameters and self.file.suffix.lower() != ".geo":
-            raise wrong(f"{self.file.name} has no parameters", "A .geo file may have some.")
+            raise value_error(f"{self.file.name} has no parameters", "A .geo file may have some.")
         return self
 
 
@@ -213,13 +217,13 @@ class Time(Section):
 
 def _option(value: Any) -> str | int | float | bool:
     if not isinstance(value, str | int | float):
-        raise wrong(f"expected text, a number, true or false, got {describe(value)}")
+        raise value_error(f"expected text, a number, true or false, got {describe(value)}")
     return value
 
 
 def _option_name(name: str) -> str:
     if not name or name.startswith("-"):
-        raise wrong("PETSc options are written without the leading dash here")
+        raise value_error("PETSc options are written without the leading dash here")
     return name
 
 
@@ -269,7 +273,7 @@ Place = Annotated[tuple[Length, Length], Several()]
 
 def _apart(ends: tuple[Place, Place]) -> tuple[Place, Place]:
     if ends[0] == ends[1]:
-        raise wrong("both points are the same")
+        raise value_error("both points are the same")
     return ends
 
 
@@ -278,7 +282,7 @@ Family = Literal[1, 2]
 Samples = Annotated[int, Count(least=2, most=100_000)]
 
 
-class PointProbe(Section):
+class PointSection(Section):
     """Displacement of each family and slip at a point, on every step."""
 
     type: Literal["point"]
@@ -288,12 +292,12 @@ class PointProbe(Section):
     """Reference position."""
 
     @property
-    def probe(self) -> probes.Point:
+    def probe(self) -> probes.PointProbe:
         """The probe."""
-        return probes.Point(self.at)
+        return probes.PointProbe(self.at)
 
 
-class Extensometer(Section):
+class ExtensometerSection(Section):
     """Gauge length between two points of the sheet and its strain, on every step."""
 
     type: Literal["extensometer"]
@@ -311,7 +315,7 @@ class Extensometer(Section):
         return probes.Extensometer(self.ends, self.family)
 
 
-class Zone(Section):
+class ZoneSection(Section):
     """Mean shear angle over the area of a rectangle or a circle, on every step."""
 
     type: Literal["zone"]
@@ -335,17 +339,17 @@ class Zone(Section):
         return probes.circle_zone(self.centre, self.radius)
 
     @model_validator(mode="after")
-    def _one_shape(self) -> Zone:
+    def _one_shape(self) -> ZoneSection:
         circle = (self.centre is not None, self.radius is not None)
         if any(circle) == (self.corners is not None) or any(circle) != all(circle):
             remedy = "For example 'centre: [0.45 m, 0.15 m]' and 'radius: 50 mm'."
-            raise wrong("expected either two corners, or a centre and a radius", remedy)
+            raise value_error("expected either two corners, or a centre and a radius", remedy)
         if self.corners and any(a == b for a, b in zip(*self.corners, strict=True)):
-            raise wrong("the corners are not opposite ones", "They differ in x and in y.")
+            raise value_error("the corners are not opposite ones", "They differ in x and in y.")
         return self
 
 
-class Line(Section):
+class LineSection(Section):
     """All stored fields along a straight line, whenever fields are stored."""
 
     type: Literal["line"]
@@ -363,7 +367,7 @@ class Line(Section):
         return probes.Line(self.ends, self.points)
 
 
-class Yarn(Section):
+class YarnSection(Section):
     """All stored fields along a yarn, from edge to edge, whenever fields are stored."""
 
     type: Literal["yarn"]
@@ -384,17 +388,20 @@ class Yarn(Section):
         return probes.Yarn(self.family, self.through, self.points)
 
 
-Probe = Annotated[PointProbe | Extensometer | Zone | Line | Yarn, Field(discriminator="type")]
+ProbeSection = Annotated[
+    PointSection | ExtensometerSection | ZoneSection | LineSection | YarnSection,
+    Field(discriminator="type"),
+]
 
 
 def _probe_name(name: str) -> str:
     if not (name.isidentifier() and name.isascii()):
         remedy = "It is part of names of columns: letters, digits and underscores, a letter first."
-        raise wrong(f"{describe(name)} cannot be the name of a probe", remedy)
+        raise value_error(f"{describe(name)} cannot be the name of a probe", remedy)
     return name
 
 
-class Output(Section):
+class OutputSection(Section):
     """What is written besides the history."""
 
     fields: tuple[FieldName, ...] = get_args(FieldName)
@@ -406,19 +413,19 @@ class Output(Section):
     pictures: Annotated[bool, Field(strict=True)] = True
     """Whether pictures are drawn at the end."""
 
-    checkpoint: Annotated[float | int | bool, Interval(unit="s", above=0)] = Field(
+    checkpoint: Annotated[float | int | bool, TimeOrSteps(unit="s", above=0)] = Field(
         default=300.0, examples=["5 min", 100, False]
     )
     """Wall time or number of steps between checkpoints, from which a run can go on; one more is
     written at the end. False for none."""
 
-    probes: Mapping[Annotated[str, AfterValidator(_probe_name)], Probe] = Field(
+    probes: Mapping[Annotated[str, AfterValidator(_probe_name)], ProbeSection] = Field(
         default={}, examples=[{"centre": {"type": "point", "at": ["0.45 m", "0.15 m"]}}]
     )
     """Named places: points, extensometers and zones are columns of the history, lines and yarns
     are written to lines.csv."""
 
     @property
-    def lines(self) -> Mapping[str, Line | Yarn]:
+    def lines(self) -> Mapping[str, LineSection | YarnSection]:
         """The probes that are written wherever fields are stored."""
-        return {n: p for n, p in self.probes.items() if isinstance(p, Line | Yarn)}
+        return {n: p for n, p in self.probes.items() if isinstance(p, LineSection | YarnSection)}

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.case.document import FROM
-from wovenfab.case.effects import acting
+from wovenfab.case.effects import acting_effects
 from wovenfab.case.program import steps_of_case
 from wovenfab.case.quantities import Json
 from wovenfab.cli.console import Console
@@ -91,7 +91,7 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
     facets = f"facet integrals ({', '.join(curving)})" if curving else "no facet integrals"
     time = f"rates by {case.time.scheme}" if needs.rate else "rate-independent"
     present = [f"{e.name} ({e.effect.law})" if e.effect.law else e.name for e in case.scene]
-    inert = [e.name for e in case.scene if e not in acting(case.scene)]
+    inert = [e.name for e in case.scene if e not in acting_effects(case.scene)]
     count = _grouped(unknowns) if exact else f"about {_grouped(round(unknowns, -3))}"
     brought: dict[str, list[str]] = {}
     for effect in effects().values():

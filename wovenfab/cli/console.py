@@ -14,7 +14,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, TextIO
 
-from wovenfab.case import refusal
+from wovenfab.case import case_error
 from wovenfab.plain_text import printable
 from wovenfab.record.results import FILES, FOLDERS
 from wovenfab.simulation.progress import Progress
@@ -267,10 +267,10 @@ def require_log(file: Path, directory: Path) -> None:
     place, results = file.resolve(), directory.resolve()
     remedy = "Choose another file, such as run.log."
     if place.is_dir() or results.is_relative_to(place):
-        raise refusal("--log", f"{file} is a folder", remedy)
+        raise case_error("--log", f"{file} is a folder", remedy)
     inside = place.relative_to(results).parts[0] if place.is_relative_to(results) else ""
     if inside in {*FILES, *FOLDERS} or inside.startswith("."):  # such as the marker and its lock
-        raise refusal("--log", f"{file} is a file of the results", remedy)
+        raise case_error("--log", f"{file} is a file of the results", remedy)
     if place.exists():
         writable = os.access(place, os.W_OK)
     else:
@@ -278,13 +278,13 @@ def require_log(file: Path, directory: Path) -> None:
     if not writable:
         there = place.exists() or place.parent.is_dir()
         why = "is not allowed" if there else f"there is no folder {file.parent}"
-        raise refusal("--log", f"{file} cannot be written: {why}", remedy)
+        raise case_error("--log", f"{file} cannot be written: {why}", remedy)
     if place.is_file():
         with place.open("rb") as before:
             first = before.readline(_LONGEST)
         if first and not _LOGGED.match(first):
             message = f"{file} is there and is no log of wovenfab, so it is left alone"
-            raise refusal("--log", message, remedy)
+            raise case_error("--log", message, remedy)
 
 
 def configure_log(

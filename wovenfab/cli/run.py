@@ -15,7 +15,7 @@ from signal import Signals
 from typing import Any
 
 from wovenfab.case import CaseError, read_case, units
-from wovenfab.case.errors import Problem
+from wovenfab.case.errors import CaseProblem
 from wovenfab.case.programs import effect_programs, geometry_programs
 from wovenfab.cli.console import (
     BAD_INPUT,
@@ -159,7 +159,7 @@ def _seconds(text: str | None) -> float:
         return units.parse(text, "s")
     except ValueError as error:
         message, remedy = f"expected a time, got {error}", "For example --until '12 s'."
-        raise CaseError([Problem("--until", None, "", message, remedy)]) from error
+        raise CaseError([CaseProblem("--until", None, "", message, remedy)]) from error
 
 
 def _cannot_write(error: OSError, directory: Path, begun: bool) -> str:

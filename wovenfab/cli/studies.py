@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wovenfab.case import CaseError, read_case, refusal
+from wovenfab.case import CaseError, case_error, read_case
 from wovenfab.case.program import program_of_case
 from wovenfab.cli.console import (
     BAD_INPUT,
@@ -23,7 +23,7 @@ from wovenfab.cli.console import (
 from wovenfab.record.results import write_csv
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.cluster import Cluster
-from wovenfab.study.sweep import Member, Run, Sweep, members_of, printed, sweep, write_table
+from wovenfab.study.sweep import Member, Sweep, SweepRun, members_of, printed, sweep, write_table
 from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over, read_sweep_file
 
 #: Folders of the results of single runs, and of that by which their errors are known.
@@ -156,12 +156,12 @@ def run_sweep(
 
 def run_members(
     members: Sequence[Member], directory: Path, cluster: Cluster, console: Console
-) -> list[Run]:
+) -> list[SweepRun]:
     """Run members side by side; show the progress and update their table after each."""
     where = f"{cluster.side_by_side} side by side" if cluster.is_local else f"on {cluster.name}"
     phase = f"{len(members)} runs, {where}"
 
-    def report(state: Sweep, run: Run | None) -> None:
+    def report(state: Sweep, run: SweepRun | None) -> None:
         ended, count = sum(r.ended for r in state.runs), len(state.runs)
         console.progress(Progress(phase, state.share))
         console.rows({r.member.name: r.done for r in state.runs if not r.ended and r.done})
@@ -181,12 +181,12 @@ def run_members(
     return runs
 
 
-def exit_code(runs: Sequence[Run]) -> int:
+def exit_code(runs: Sequence[SweepRun]) -> int:
     """Return what a command ends with after some runs."""
     return FAILED_STEP if any(run.state == "failed" for run in runs) else 0
 
 
-def _draw(runs: Sequence[Run], directory: Path) -> None:
+def _draw(runs: Sequence[SweepRun], directory: Path) -> None:
     """Draw the loops of all runs over each other, as ``overlay.png`` and ``overlay.svg``."""
     from wovenfab.report.curves import loops
     from wovenfab.report.run_data import open_run_data
@@ -207,15 +207,15 @@ def _varied(
     if not any(is_sweep_file(path) for path in paths):
         return paths, grid(axes)
     if len(paths) > 1:
-        raise refusal(str(paths[0]), "a sweep file stands alone, without other files")
+        raise case_error(str(paths[0]), "a sweep file stands alone, without other files")
     sweep_file = read_sweep_file(paths[0])
     return sweep_file.cases, grid([sweep_file.variations, *axes])
 
 
 if TYPE_CHECKING:
     from wovenfab.study.fit.fit_file import Fit
-    from wovenfab.study.fit.knowledge import Knowledge
-    from wovenfab.study.fit.objective import Trial
+    from wovenfab.study.fit.identifiability import Identifiability
+    from wovenfab.study.fit.objective import FitTrial
     from wovenfab.study.fit.search import Found
 
 
@@ -226,7 +226,7 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
         console.problem("fit starts its own processes: start it without mpirun, with --jobs")
         return BAD_INPUT
     from wovenfab.study.fit.fit_file import read_fit
-    from wovenfab.study.fit.knowledge import models_compared
+    from wovenfab.study.fit.identifiability import models_compared
     from wovenfab.study.fit.response import BranchError, TrialError
 
     configure_log(0, None, console.log, first_rank=True)
@@ -250,10 +250,10 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
     return 0
 
 
-def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Knowledge:
+def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Identifiability:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page, write_result
-    from wovenfab.study.fit.knowledge import in_words, knowledge
+    from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.search import profile, search_with_slack
 
@@ -321,7 +321,7 @@ def _reporter(console: Console, fit: Fit) -> Any:
 
     trials = []
 
-    def report(trial: Trial) -> None:
+    def report(trial: FitTrial) -> None:
         trials.append(trial)
         spent, share = sum(t.seconds for t in trials), share_done(trials, fit.refine)
         left = f"; about {duration(spent / share - spent)} left" if share else ""

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case import units
-from wovenfab.case.errors import describe, refusal
+from wovenfab.case.errors import case_error, describe
 from wovenfab.measured.layout import EMPTY, Layout
 from wovenfab.measured.names import WORDS, fold, name_of, units_in
-from wovenfab.measured.table import Table, is_missing, read_table
+from wovenfab.measured.table import MeasuredTable, is_missing, read_table
 
 Array = NDArray[np.float64]
 #: Names of the columns.
@@ -49,16 +49,16 @@ def read_cloud(path: Path, layout: Layout = EMPTY) -> tuple[Array, Array]:
         for row, value in zip(table.rows, column, strict=True):
             if not np.isfinite(value) and not is_missing(row.cell(at)):
                 message = f"{name} (column {at + 1}) must be a number, got {describe(row.cell(at))}"
-                raise refusal(str(path), message, "Remove the row, or correct it.", row.line)
+                raise case_error(str(path), message, "Remove the row, or correct it.", row.line)
         values.append(factor * column)
     rows = np.array(values).T
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
-        raise refusal(str(path), "there is no row with a position and a displacement", remedy)
+        raise case_error(str(path), "there is no row with a position and a displacement", remedy)
     return rows[:, :2], rows[:, 2:]
 
 
-def _column(name: str, table: Table, layout: Layout, remedy: str) -> int:
+def _column(name: str, table: MeasuredTable, layout: Layout, remedy: str) -> int:
     """Return the column, from 0, of a coordinate or displacement."""
     given = layout.columns.get(name)
     if isinstance(given, int):
@@ -76,7 +76,7 @@ def _column(name: str, table: Table, layout: Layout, remedy: str) -> int:
     what = "no column" if not found else "more than one column"
     wanted = f"{given!r} for {name!r}" if given is not None else f"{name!r}"
     say = f"Or name it: --columns {name}={min(table.width, 2)}. {table.names}"
-    raise refusal(str(table.file), f"there is {what} {wanted}", f"{remedy} {say}", table.header)
+    raise case_error(str(table.file), f"there is {what} {wanted}", f"{remedy} {say}", table.header)
 
 
 def _means(title: str, name: str) -> bool:
@@ -91,7 +91,7 @@ def _means(title: str, name: str) -> bool:
     return len(words) == 2 and name[1] in words and bool(moved & {*words})
 
 
-def _factor(name: str, at: int, table: Table, layout: Layout, remedy: str) -> float:
+def _factor(name: str, at: int, table: MeasuredTable, layout: Layout, remedy: str) -> float:
     """Return how many metres the unit of a column is."""
     path = str(table.file)
     if (given := layout.units.get(name)) is not None:
@@ -100,9 +100,9 @@ def _factor(name: str, at: int, table: Table, layout: Layout, remedy: str) -> fl
             return units.parse(text, "m")
         except ValueError as error:
             message = f"the unit of {name} must be {units.kind('m')}, got {error}"
-            raise refusal(path, message) from error
+            raise case_error(path, message) from error
     for unit in units_in(table.titles[at], table.units[at]):
         if unit.si == "m":
             return unit.factor
     say = "Or say it: --units x=mm,y=mm,ux=mm,uy=mm."
-    raise refusal(path, f"the header has no unit of the {name}", f"{remedy} {say}", table.header)
+    raise case_error(path, f"the header has no unit of the {name}", f"{remedy} {say}", table.header)

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case import units
-from wovenfab.case.errors import describe, refusal
+from wovenfab.case.errors import case_error, describe
 from wovenfab.measured.layout import EMPTY, Layout
-from wovenfab.measured.names import SI, Unit, means, means_strain, name_of, units_in
+from wovenfab.measured.names import SI, MeasuredUnit, means, means_strain, name_of, units_in
 from wovenfab.measured.numbers import NAMES
-from wovenfab.measured.table import SEPARATORS, Table, read_table, short
+from wovenfab.measured.table import SEPARATORS, MeasuredTable, read_table, short
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -65,7 +65,7 @@ class Reading:
         notes: Sentences on what was not read, or assumed.
     """
 
-    table: Table
+    table: MeasuredTable
     columns: dict[str, Column]
     lines: NDArray[np.intp]
     skipped: tuple[tuple[int, str], ...]
@@ -191,14 +191,14 @@ def read_measured(path: Path, layout: Layout = EMPTY) -> Measured:
     if len(u) < FEWEST:
         line = table.rows[-1].line
         message = f"there are only {len(u)} rows of numbers"
-        raise refusal(str(path), message, table.names, line)
+        raise case_error(str(path), message, table.names, line)
     if time is not None and (back := np.flatnonzero(np.diff(time) < 0)).size:
         line = int(lines[int(back[0]) + 1])
         remedy = "Name another column as the time, or say which rows to read."
-        raise refusal(str(path), "times must increase", remedy, line)
+        raise case_error(str(path), "times must increase", remedy, line)
     if not np.ptp(u):
         remedy = f"It is {columns['displacement']}: name another column. {table.names}"
-        raise refusal(str(path), "the displacement does not change", remedy)
+        raise case_error(str(path), "the displacement does not change", remedy)
     reading = Reading(table, columns, lines, skipped, tuple(notes))
     return Measured(path, u, force, time, reading)
 
@@ -253,7 +253,7 @@ def _shown(cell: str) -> str:
 
 
 def _skipped(
-    table: Table, columns: dict[str, Column], needed: NDArray[np.bool_]
+    table: MeasuredTable, columns: dict[str, Column], needed: NDArray[np.bool_]
 ) -> tuple[tuple[int, str], ...]:
     """Return the lines of rows that are skipped, each with the cell that is no number.
 
@@ -276,12 +276,12 @@ def _skipped(
             f"Up to {100 * SKIPPED:.0f} % of the rows are skipped for that: name another column, "
             "say which rows to read, or correct them."
         )
-        raise refusal(str(table.file), message + many, remedy, line)
+        raise case_error(str(table.file), message + many, remedy, line)
     return tuple((line, cell) for line, _, _, cell in found)
 
 
 def _column(
-    quantity: str, table: Table, layout: Layout, others: dict[str, Column]
+    quantity: str, table: MeasuredTable, layout: Layout, others: dict[str, Column]
 ) -> Column | None:
     """Return the column of a quantity; None for a time that is not there."""
     given, unit = layout.columns.get(quantity), layout.units.get(quantity)
@@ -309,15 +309,15 @@ def _column(
     if len({u.factor for u in same}) > 1:
         texts = " and ".join(dict.fromkeys(repr(u.text) for u in same))
         remedy = f"Say which: {said('units', quantity, same[0].text)}."
-        raise refusal(path, f"the header has several units of the {quantity}, {texts}", remedy)
+        raise case_error(path, f"the header has several units of the {quantity}, {texts}", remedy)
     if written is not None and written.si == SI[quantity]:
         return Column(at + 1, titles[at], written.text, written.factor)
     if quantity == "time":
         return None
     if written is not None:
-        raise refusal(path, *_other_kind(quantity, titles[at], written), table.header)
+        raise case_error(path, *_other_kind(quantity, titles[at], written), table.header)
     title = f"'{quantity}_{EXAMPLES[quantity]}'"
-    raise refusal(
+    raise case_error(
         path,
         f"the header has no unit of the {quantity}",
         f"Say it: {said('units', quantity, EXAMPLES[quantity])}, or {title} in the header.",
@@ -325,7 +325,7 @@ def _column(
     )
 
 
-def _in_order(quantity: str, table: Table) -> int:
+def _in_order(quantity: str, table: MeasuredTable) -> int:
     """Return which of two columns without names a quantity is: by units, or in their order."""
     for at in (0, 1):
         unit = _unit(table, at, quantity)
@@ -334,13 +334,13 @@ def _in_order(quantity: str, table: Table) -> int:
     return 0 if quantity == "displacement" else 1
 
 
-def _given(quantity: str, given: str | int, table: Table) -> int:
+def _given(quantity: str, given: str | int, table: MeasuredTable) -> int:
     """Return the number, from 0, of a column that the user names."""
     path = str(table.file)
     if isinstance(given, int):
         if not 1 <= given <= table.width:
             message = f"there is no column {given} for the {quantity}"
-            raise refusal(path, message, table.names, table.header)
+            raise case_error(path, message, table.names, table.header)
         return given - 1
     word = given.strip().casefold()
     for name in (str.casefold, lambda title: name_of(title).casefold()):
@@ -349,20 +349,20 @@ def _given(quantity: str, given: str | int, table: Table) -> int:
             numbers = ", ".join(str(i + 1) for i in found)
             message = f"the columns {numbers} have the name {given!r}"
             remedy = f"Give a number: {said('columns', quantity, str(found[0] + 1))}."
-            raise refusal(path, message, remedy, table.header)
+            raise case_error(path, message, remedy, table.header)
         if found:
             return found[0]
     message = f"there is no column {given!r} for the {quantity}"
-    raise refusal(path, message, table.names, table.header)
+    raise case_error(path, message, table.names, table.header)
 
 
-def _unit(table: Table, at: int, quantity: str) -> Unit | None:
+def _unit(table: MeasuredTable, at: int, quantity: str) -> MeasuredUnit | None:
     """Return the unit of a column: of the kind of a quantity if there is one, else another."""
     found = list(units_in(table.titles[at], table.units[at]))
     return next((u for u in found if u.si == SI[quantity]), next(iter(found), None))
 
 
-def _fits(unit: Unit | None, quantity: str) -> bool:
+def _fits(unit: MeasuredUnit | None, quantity: str) -> bool:
     return unit is None or unit.si == SI[quantity]
 
 
@@ -377,35 +377,35 @@ def _factor(quantity: str, unit: str, path: str) -> float:
             raise ValueError(f"{unit!r} without a unit")
     except ValueError as error:
         kind = units.kind(SI[quantity])
-        raise refusal(path, f"the unit of the {quantity} must be {kind}, got {error}") from error
+        raise case_error(path, f"the unit of the {quantity} must be {kind}, got {error}") from error
     if not factor:
-        raise refusal(path, f"the unit of the {quantity} must not be zero, got {unit!r}")
+        raise case_error(path, f"the unit of the {quantity} must not be zero, got {unit!r}")
     return factor
 
 
 def _unknown(
-    quantity: str, table: Table, found: Sequence[int], fitting: Sequence[int]
+    quantity: str, table: MeasuredTable, found: Sequence[int], fitting: Sequence[int]
 ) -> Exception:
     """Return the error of a quantity without a column, or with several."""
     path, titles = str(table.file), table.titles
     if not fitting and found:
         unit = _unit(table, found[0], quantity)
         assert unit is not None
-        return refusal(path, *_other_kind(quantity, titles[found[0]], unit), table.header)
+        return case_error(path, *_other_kind(quantity, titles[found[0]], unit), table.header)
     if not fitting and quantity == "displacement":
         for at, title in enumerate(titles):
             unit = _unit(table, at, quantity)
             if means_strain(title) or (unit is not None and unit.si == "an angle"):
-                kind = unit or Unit("", "a ratio", 0.0)
-                return refusal(path, *_other_kind(quantity, title, kind), table.header)
+                kind = unit or MeasuredUnit("", "a ratio", 0.0)
+                return case_error(path, *_other_kind(quantity, title, kind), table.header)
     which = "more than one column may be" if fitting else "no column is known as"
     example = fitting[0] + 1 if fitting else min(table.width, 2)
     named = f"{said('columns', quantity, str(example))}, or '{quantity}_{EXAMPLES[quantity]}'"
     remedy = f"Name it: {named} in the header. {table.names}"
-    return refusal(path, f"{which} the {quantity}", remedy, table.header)
+    return case_error(path, f"{which} the {quantity}", remedy, table.header)
 
 
-def _other_kind(quantity: str, title: str, unit: Unit) -> tuple[str, str]:
+def _other_kind(quantity: str, title: str, unit: MeasuredUnit) -> tuple[str, str]:
     """Return message and remedy for a column whose unit does not measure its quantity."""
     kinds = {"m": "a length", "N": "a force", "s": "a time"}
     kind = kinds.get(unit.si, unit.si)

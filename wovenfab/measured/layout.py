@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from wovenfab.case.errors import CaseError, refusal
+from wovenfab.case.errors import CaseError, case_error
 from wovenfab.measured.numbers import NAMES
 
 _ROWS = re.compile(r"\s*(?P<first>[0-9]{0,9})\s*(?P<dash>-)?\s*(?P<last>[0-9]{0,9})\s*")
@@ -72,7 +72,7 @@ def layout_of_options(
     named = _pairs("--columns", columns, quantities)
     signs = {name: sign for sign, name in NAMES.items()} | {sign: sign for sign in NAMES}
     if decimal is not None and decimal.strip() not in signs:
-        raise refusal("--decimal", f"expected point or comma, got {decimal!r}")
+        raise case_error("--decimal", f"expected point or comma, got {decimal!r}")
     try:
         lines = None if rows is None else rows_of(rows)
     except ValueError:
@@ -87,7 +87,7 @@ def layout_of_options(
 
 def bad_rows(option: str, given: object) -> CaseError:
     """Return the error of lines that are none."""
-    return refusal(
+    return case_error(
         option,
         f"expected the first and last line with numbers, got {given!r}",
         "For example 12-340, 12- or -340, counted from 1 as an editor does.",
@@ -103,6 +103,6 @@ def _pairs(option: str, texts: Sequence[str], names: Iterable[str]) -> list[tupl
             if name not in known or not sign or not value:
                 example = f"{option} {known[-1]}={'kN' if option == '--units' else '2'}"
                 remedy = f"For example {example}; what may be named is {', '.join(known)}."
-                raise refusal(option, f"expected NAME=VALUE, got {part!r}", remedy)
+                raise case_error(option, f"expected NAME=VALUE, got {part!r}", remedy)
             pairs.append((name, value))
     return pairs

@@ -71,7 +71,7 @@ _AFTER = tuple(
 
 
 @dataclass(frozen=True)
-class Unit:
+class MeasuredUnit:
     """A unit in a header.
 
     Attributes:
@@ -113,32 +113,32 @@ def name_of(title: str) -> str:
 
 
 @cache
-def unit_of(text: str) -> Unit | None:
+def unit_of(text: str) -> MeasuredUnit | None:
     """Return the unit that a text is, perhaps in brackets; None if it is none that is known."""
     bare = unicodedata.normalize("NFKC", text).strip().strip("[](){}<> ").strip(".")
     bare = bare.replace("\u03bc", "u")
     if bare in UNITS:
-        return Unit(bare, *UNITS[bare])
+        return MeasuredUnit(bare, *UNITS[bare])
     near = {value for name, value in UNITS.items() if name.casefold() == bare.casefold()}
-    return Unit(bare, *near.pop()) if len(near) == 1 else None
+    return MeasuredUnit(bare, *near.pop()) if len(near) == 1 else None
 
 
 @cache
-def foreign(text: str) -> Unit | None:
+def foreign(text: str) -> MeasuredUnit | None:
     """Return a unit that measures neither length nor force nor time, or an unusual one."""
     bare = unicodedata.normalize("NFKC", text).strip().strip("[](){}<> ").strip()
     bare = bare.replace("\u03bc", "u")
     if bare in ("%", "\u2030", "-", "1") or re.fullmatch(r"m+/m+|%.*", bare):
-        return Unit(bare, "a ratio", 0.0)
+        return MeasuredUnit(bare, "a ratio", 0.0)
     if bare.casefold() in ("°", "deg", "grad", "degree", "degrees", "rad", "degre", "gradi"):
-        return Unit(bare, "an angle", 0.0)
+        return MeasuredUnit(bare, "an angle", 0.0)
     if bare.casefold() in ("g", "kg", "lb", "lbs", "oz", "gr"):
-        return Unit(bare, "a mass", 0.0)
+        return MeasuredUnit(bare, "a mass", 0.0)
     if not re.fullmatch(r"[^\W\d_]{1,6}(\s*[/*·^.]?\s*[^\W\d_]{1,6}[²³]?|\^?-?[23²³])*", bare):
         return None
     try:
         dimension = units.in_si(_plain_unit(bare))[1]
-        return Unit(bare, units.kind_of(dimension), 0.0)
+        return MeasuredUnit(bare, units.kind_of(dimension), 0.0)
     except (ValueError, RecursionError):
         return None
 
@@ -158,7 +158,7 @@ def is_unit(text: str) -> bool:
     )
 
 
-def units_in(title: str, below: tuple[str, ...]) -> Iterator[Unit]:
+def units_in(title: str, below: tuple[str, ...]) -> Iterator[MeasuredUnit]:
     """Yield what may be the unit of a column: in its title, or in lines of units.
 
     Args:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case.errors import refusal
+from wovenfab.case.errors import case_error
 from wovenfab.measured.layout import Layout
 from wovenfab.measured.names import is_unit, unit_of
 from wovenfab.measured.numbers import (
@@ -30,7 +30,7 @@ from wovenfab.measured.numbers import (
     plain,
     thousands,
 )
-from wovenfab.measured.text import Text, read_text
+from wovenfab.measured.text import DecodedText, read_text
 
 Array = NDArray[np.float64]
 BLANKS = " "
@@ -49,7 +49,7 @@ _MISSING = re.compile(
 
 
 @dataclass(frozen=True)
-class Row:
+class MeasuredRow:
     """A line of a file.
 
     Attributes:
@@ -66,7 +66,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Table:
+class MeasuredTable:
     """The numbers of a file, not yet understood.
 
     Attributes:
@@ -90,7 +90,7 @@ class Table:
     titles: tuple[str, ...]
     units: tuple[tuple[str, ...], ...]
     header: int | None
-    rows: tuple[Row, ...]
+    rows: tuple[MeasuredRow, ...]
     notes: tuple[str, ...]
 
     @property
@@ -98,7 +98,7 @@ class Table:
         """Number of columns."""
         return len(self.titles)
 
-    def column_value(self, row: Row, at: int) -> float:
+    def column_value(self, row: MeasuredRow, at: int) -> float:
         """Return the number of a row in a column, from 0; nan where there is none."""
         return number(row.cell(at), self.decimal)
 
@@ -120,8 +120,8 @@ class Table:
 class _Block:
     """Rows of numbers below each other."""
 
-    head: list[Row]  # lines above, up to the block before
-    rows: list[Row]
+    head: list[MeasuredRow]  # lines above, up to the block before
+    rows: list[MeasuredRow]
     count: int  # rows with two numbers at least
     gap: int = 0  # number of rows above the last empty line
     headers: list[int] = field(default_factory=list)  # lines that repeat the head
@@ -135,7 +135,7 @@ class _Block:
         return f"lines {self.rows[0].line} to {self.rows[-1].line}"
 
 
-def read_table(path: Path, layout: Layout) -> Table:
+def read_table(path: Path, layout: Layout) -> MeasuredTable:
     """Return the table of numbers in a file.
 
     Raises:
@@ -143,7 +143,9 @@ def read_table(path: Path, layout: Layout) -> Table:
     """
     text = read_text(path)
     separator = _separator(text)
-    rows = [Row(n, tuple(_cells(line, separator))) for n, line in enumerate(text.lines, start=1)]
+    rows = [
+        MeasuredRow(n, tuple(_cells(line, separator))) for n, line in enumerate(text.lines, start=1)
+    ]
     blocks, footer = _blocks(rows)
     if layout.rows:
         first, last = layout.rows
@@ -152,7 +154,7 @@ def read_table(path: Path, layout: Layout) -> Table:
         where = f" in lines {layout.rows[0]} to {layout.rows[1]}" if layout.rows else ""
         remedy = "Export the table as text, with plain numbers and the units in the header."
         remedy = "Name the lines with numbers." if where else remedy
-        raise refusal(str(path), f"there is no row with two numbers{where}", remedy)
+        raise case_error(str(path), f"there is no row with two numbers{where}", remedy)
     block, notes = _chosen(blocks, path, layout)
     if not layout.rows:
         notes += _without_summary(block)
@@ -174,7 +176,7 @@ def read_table(path: Path, layout: Layout) -> Table:
         tuple(row.cell(at) for row in lines if row.cell(at).strip()) for at in range(width)
     )
     head = None if title is None else title.line
-    return Table(
+    return MeasuredTable(
         path, text.encoding, separator, decimal, " or ".join(sorted(groups)), titles, units,
         head, tuple(data), (*notes, *note),
     )  # fmt: skip
@@ -195,7 +197,7 @@ def short(text: str) -> str:
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _separator(text: Text) -> str:
+def _separator(text: DecodedText) -> str:
     """Return the separator with which the most characters are in cells with numbers."""
     lines = [line for line in text.lines if line.strip()]
     step = max(1, (len(lines) - SAMPLE) // SAMPLE)
@@ -228,10 +230,10 @@ def _cells(line: str, separator: str) -> Iterator[str]:
     return map(plain, parts)
 
 
-def _blocks(rows: Sequence[Row]) -> tuple[list[_Block], list[Row]]:
+def _blocks(rows: Sequence[MeasuredRow]) -> tuple[list[_Block], list[MeasuredRow]]:
     """Return the blocks of rows with numbers, and the lines below the last one."""
     blocks: list[_Block] = []
-    text: list[Row] = []
+    text: list[MeasuredRow] = []
     open_block = empty = False
     for row in rows:
         filled = [cell for cell in row.cells if cell]
@@ -265,7 +267,7 @@ def _is_word(cell: str) -> bool:
     return sum(map(str.isalpha, cell)) > 1 and not is_missing(cell)
 
 
-def _same(row: Row, other: Row) -> bool:
+def _same(row: MeasuredRow, other: MeasuredRow) -> bool:
     return [c.casefold() for c in row.cells if c] == [c.casefold() for c in other.cells if c]
 
 
@@ -293,7 +295,7 @@ def _chosen(blocks: list[_Block], path: Path, layout: Layout) -> tuple[_Block, l
             line = max(other.rows[0].line, block.rows[0].line)
             one, two = sorted((block, other), key=lambda b: b.rows[0].line)
             first, last = one.rows[0].line, two.rows[-1].line
-            raise refusal(
+            raise case_error(
                 str(path),
                 f"there are two tables of numbers, {one} and {two}",
                 f"Say which lines: 'rows: {one.rows[0].line}-{one.rows[-1].line}' in a fit file or "
@@ -315,7 +317,7 @@ def _without_summary(block: _Block) -> list[str]:
     return [f"{lines} below an empty line {verb} not read; 'rows' or --rows would include them."]
 
 
-def _title_row(block: _Block, separator: str) -> Row | None:
+def _title_row(block: _Block, separator: str) -> MeasuredRow | None:
     """Return the line with the names of the columns; None if there is none."""
     words = [row for row in block.head if not _units_alone(row)]
     if not words:
@@ -342,13 +344,13 @@ def _last_number(block: _Block) -> int:
     return Counter(last).most_common(1)[0][0]
 
 
-def _units_alone(row: Row) -> bool:
+def _units_alone(row: MeasuredRow) -> bool:
     cells = [cell for cell in row.cells if cell and not is_missing(cell)]
     return bool(cells) and all(is_unit(cell) for cell in cells)
 
 
 def _titles(
-    row: Row | None, separator: str, width: int, path: Path, layout: Layout, block: _Block
+    row: MeasuredRow | None, separator: str, width: int, path: Path, layout: Layout, block: _Block
 ) -> tuple[str, ...]:
     """Return the names of the columns."""
     numbers = {str(q) for q, c in layout.columns.items() if isinstance(c, int)}
@@ -367,11 +369,11 @@ def _titles(
                 "with semicolons or tabs between the columns. Else give the numbers of the columns."
             )
         message = f"{filled} numbers stand below {len(found)} names"
-        raise refusal(str(path), message, remedy, block.rows[0].line)
+        raise case_error(str(path), message, remedy, block.rows[0].line)
     full = (r for r in block.rows[:-1] if separator == BLANKS and all(map(is_number, r.cells)))
     if len(widths := {len(r.cells) for r in full}) > 1:
         low, high = min(widths), max(widths)
-        raise refusal(
+        raise case_error(
             str(path),
             f"rows have {low} to {high} numbers: blanks separate columns and perhaps thousands",
             "Save the table with semicolons or tabs between the columns.",
@@ -390,7 +392,7 @@ def _joined(cells: Sequence[str], width: int) -> list[str]:
     return found if len(found) == width else []
 
 
-def _decimal(block: _Block, separator: str, text: Text, path: Path, width: int) -> str:
+def _decimal(block: _Block, separator: str, text: DecodedText, path: Path, width: int) -> str:
     """Return the decimal sign that all columns settle together."""
     found = evidence([[row.cell(at) for row in block.rows] for at in range(width)])
     if found.decimal:
@@ -403,7 +405,7 @@ def _decimal(block: _Block, separator: str, text: Text, path: Path, width: int) 
         )
         line = block.rows[next(iter(found.needed.values()))[0]].line
         message = f"the decimal sign is not the same everywhere: {words}"
-        raise refusal(str(path), message, say, line)
+        raise case_error(str(path), message, say, line)
     assert found.either is not None
     i, cell = found.either
     row = block.rows[i]
@@ -412,14 +414,14 @@ def _decimal(block: _Block, separator: str, text: Text, path: Path, width: int) 
     readings = " or ".join(
         f"{number(cell, sign):g} with a decimal {name}" for sign, name in NAMES.items()
     )
-    raise refusal(
+    raise case_error(
         str(path), f"{cell!r} is {readings}, and no other number tells which", say, row.line
     )
 
 
 def _without_cut_number(
-    rows: Sequence[Row], text: Text, decimal: str
-) -> tuple[Sequence[Row], list[str]]:
+    rows: Sequence[MeasuredRow], text: DecodedText, decimal: str
+) -> tuple[Sequence[MeasuredRow], list[str]]:
     """Return rows without a last one whose last number is cut, and a sentence on that.
 
     It is cut where the file ends without the end of a line, and it has fewer decimals than all

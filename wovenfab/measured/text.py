@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from wovenfab.case.errors import refusal
+from wovenfab.case.errors import case_error
 
 #: Largest file (bytes).
 LARGEST = 50_000_000
@@ -29,7 +29,7 @@ ZEROS = 0.7
 
 
 @dataclass(frozen=True)
-class Text:
+class DecodedText:
     """The lines of a file.
 
     Attributes:
@@ -43,7 +43,7 @@ class Text:
     cut: bool
 
 
-def read_text(path: Path) -> Text:
+def read_text(path: Path) -> DecodedText:
     """Return the text of a file.
 
     Raises:
@@ -53,25 +53,25 @@ def read_text(path: Path) -> Text:
         with path.open("rb") as file:
             raw = file.read(LARGEST + 1)
         if len(raw) > LARGEST:
-            raise refusal(str(path), "this is too large for a measured file (more than 50 MB)")
+            raise case_error(str(path), "this is too large for a measured file (more than 50 MB)")
     except OSError as error:
-        raise refusal(str(path), f"the file cannot be read: {error.strerror}") from error
+        raise case_error(str(path), f"the file cannot be read: {error.strerror}") from error
     except ValueError as error:
-        raise refusal(str(path), "the file cannot be read: its name is not possible") from error
+        raise case_error(str(path), "the file cannot be read: its name is not possible") from error
     for start, kind in OTHERS.items():
         if raw.startswith(start):
             remedy = "Save the table as CSV (in Excel: Save As, CSV UTF-8), and name that file."
-            raise refusal(str(path), f"this is not text, but {kind}", remedy)
+            raise case_error(str(path), f"this is not text, but {kind}", remedy)
     encoding = _encoding(raw)
     text = raw.decode(encoding, errors="replace").lstrip("\ufeff")
     if "\0" in text:
         remedy = "Export it as text, such as CSV: spreadsheets and machines can."
-        raise refusal(str(path), "this is not text", remedy)
+        raise case_error(str(path), "this is not text", remedy)
     if not text.strip():
-        raise refusal(str(path), "the file is empty")
+        raise case_error(str(path), "the file is empty")
     lines = re.split(r"\r\n|\n|\r", text)
     cut = bool(lines[-1].strip())
-    return Text(tuple(lines), encoding, cut)
+    return DecodedText(tuple(lines), encoding, cut)
 
 
 def _encoding(raw: bytes) -> str:

@@ -13,8 +13,8 @@ from scipy import sparse
 from wovenfab.compat import corners_of
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
-from wovenfab.sheet.lattice import NOWHERE, Lattice, locate
-from wovenfab.sheet.probes import Extensometer, Gauge, Line, Place, Point, Probe, Yarn, Zone
+from wovenfab.sheet.output_nodes import NOWHERE, OutputNodes, locate
+from wovenfab.sheet.probes import Extensometer, Gauge, Line, Place, PointProbe, Probe, Yarn, Zone
 from wovenfab.sheet.sheet import Sheet
 
 
@@ -30,7 +30,7 @@ class Probes:
 
     def __init__(self, model: Model, probes: Mapping[str, Gauge]) -> None:
         """Locate the probes, one at least; collective."""
-        self._comm, sheet, lattice = model.comm, model.sheet, Lattice(model.numerics.degree)
+        self._comm, sheet, lattice = model.comm, model.sheet, OutputNodes(model.numerics.degree)
         self._probes, self._families = tuple(probes.values()), model.placements.count
         self._places = np.reshape([x for p in self._probes for x in places_of(p)], (-1, 2))
         zones = [p.region for p in self._probes if isinstance(p, Zone)]
@@ -97,7 +97,7 @@ class PointFields:
             ValueError: A point is not on the sheet.
         """
         self.points = np.reshape(np.asarray(points, dtype=float), (-1, 2))
-        self._comm, lattice = model.comm, Lattice(model.numerics.degree)
+        self._comm, lattice = model.comm, OutputNodes(model.numerics.degree)
         cells, local, on_sheet = located(model.sheet, self.points)
         if not on_sheet.all():
             x, y = self.points[~on_sheet][0]
@@ -143,7 +143,7 @@ def _gauge(probe: Any, rest: NDArray[np.float64], u: NDArray[np.float64]) -> tup
 def places_of(probe: Probe) -> list[Place]:
     """Return the reference positions (m) that a probe names as points of the sheet."""
     match probe:
-        case Point(at=place) | Yarn(through=place):
+        case PointProbe(at=place) | Yarn(through=place):
             return [place]
         case Extensometer(ends=ends) | Line(ends=ends):
             return [*ends]
@@ -173,7 +173,7 @@ def located(sheet: Sheet, points: NDArray[np.float64]) -> tuple[Any, Any, NDArra
 
 def misplaced(sheet: Sheet, probes: Mapping[str, Probe]) -> Iterator[tuple[str, str]]:
     """Yield name and fault of each probe that is not wholly on the sheet; collective."""
-    lattice, corners, comm = Lattice(1), own_corners(sheet), sheet.mesh.comm
+    lattice, corners, comm = OutputNodes(1), own_corners(sheet), sheet.mesh.comm
     for name, probe in probes.items():
         places = np.reshape(places_of(probe), (-1, 2))
         *_, on_sheet = located(sheet, places)

@@ -26,7 +26,7 @@ from wovenfab.record.field_file import (
 )
 from wovenfab.record.reading import damaged
 from wovenfab.record.results import LINES, rows_of, write_csv
-from wovenfab.sheet.lattice import Lattice, locate
+from wovenfab.sheet.output_nodes import OutputNodes, locate
 from wovenfab.sheet.probes import Line, Yarn
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ class FieldSeries:
         self,
         directory: str | Path,
         comm: MPI.Comm,
-        lattice: Lattice,
+        lattice: OutputNodes,
         points: NDArray[np.float64],
         cells: NDArray[Any],
         units: Mapping[str, str],
@@ -235,13 +235,13 @@ class StoredFields:
         return points.astype(np.float64), corners.astype(np.int64)
 
     @cached_property
-    def lattice(self) -> Lattice:
+    def lattice(self) -> OutputNodes:
         """The lattice that each cell has."""
         points, triangles = map(len, self._mesh)
         # a cell has (p+1)(p+2)/2 points and p^2 triangles, a ratio that no two degrees share
         for p in range(1, isqrt(triangles) + 1):
             if 2 * p * p * points == (p + 1) * (p + 2) * triangles:
-                return Lattice(p)
+                return OutputNodes(p)
         raise damaged(self._folder / MESH, "points and triangles do not make cells")
 
     def corners(self) -> NDArray[np.float64]:
@@ -254,7 +254,7 @@ class StoredFields:
         """Return a function that gives a field, as ``field`` does, at any points of the sheet.
 
         Where a field jumps, it has the value on the side of larger x; see
-        :mod:`wovenfab.sheet.lattice`. Points that are not on the sheet have the value NaN.
+        :mod:`wovenfab.sheet.output_nodes`. Points that are not on the sheet have the value NaN.
 
         Args:
             points: Reference positions, shape (n, 2), m.

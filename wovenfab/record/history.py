@@ -123,7 +123,7 @@ class HistoryRows:
         return row, [row[0], row[1], *reactions]
 
 
-class History(AbstractContextManager["History"]):
+class HistoryWriter(AbstractContextManager["HistoryWriter"]):
     """Writes ``history.csv`` and ``reactions.csv``, row by row; rank 0 writes, all call."""
 
     def __init__(

@@ -32,7 +32,7 @@ from wovenfab.report.style import (
     zero_line,
 )
 from wovenfab.study.fit.fit_file import Fit, with_values
-from wovenfab.study.fit.knowledge import Interval, Knowledge
+from wovenfab.study.fit.identifiability import ConfidenceInterval, Identifiability
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
@@ -42,7 +42,7 @@ FEW_POWERS = 1e3
 PAGE, PICTURE, LAB = "fit.html", "fit.png", "lab.png"
 
 
-def draw_fit(fit: Fit, found: Found, known: Knowledge, path: Path) -> Path:
+def draw_fit(fit: Fit, found: Found, known: Identifiability, path: Path) -> Path:
     """Draw curves, distances, intervals and trials into one picture; return its path."""
     with house_style():
         figure = Figure(figsize=(WIDTH, 0.8 * WIDTH))
@@ -59,7 +59,7 @@ def draw_fit(fit: Fit, found: Found, known: Knowledge, path: Path) -> Path:
 def write_fit_page(
     fit: Fit,
     found: Found,
-    known: Knowledge,
+    known: Identifiability,
     profiles: Sequence[Profile],
     notes: Sequence[str],
     path: Path,
@@ -75,7 +75,7 @@ def write_fit_page(
 def write_result(
     fit: Fit,
     found: Found,
-    known: Knowledge,
+    known: Identifiability,
     profiles: Sequence[Profile],
     notes: Sequence[str],
     directory: Path,
@@ -156,7 +156,7 @@ def measured_figure(
     return figure, [(name, words) for name, _, _, words in found]
 
 
-def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
+def _sections(fit: Fit, found: Found, known: Identifiability) -> list[Section]:
     def curves() -> list[Block]:
         figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
@@ -231,7 +231,7 @@ def draw_distances(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     axes.set_ylabel("distance (%)")
 
 
-def draw_intervals(axes: Axes, intervals: Sequence[Interval]) -> None:
+def draw_intervals(axes: Axes, intervals: Sequence[ConfidenceInterval]) -> None:
     """Draw each interval over its value, those that the curves do not determine in grey."""
     for row, i in enumerate(intervals):
         size = abs(i.value) or 1.0
@@ -262,7 +262,7 @@ def plain_ticks(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def draw_correlations(axes: Axes, known: Knowledge) -> None:
+def draw_correlations(axes: Axes, known: Identifiability) -> None:
     """Draw the correlations as a chart of colours with their numbers."""
     names = [i.name for i in known.intervals]
     image = axes.imshow(known.correlations, cmap=both_ways(), vmin=-1, vmax=1)
@@ -290,7 +290,7 @@ def draw_trials(axes: Axes, found: Found) -> None:
     axes.legend(fontsize=7)
 
 
-def interval_table(known: Knowledge) -> Table:
+def interval_table(known: Identifiability) -> Table:
     """Return the table of parameters with their intervals."""
     rows = [
         [i.name, _shown(i.value, i.unit),
@@ -301,7 +301,7 @@ def interval_table(known: Knowledge) -> Table:
     return Table("Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows)
 
 
-def singular_table(fit: Fit, known: Knowledge) -> Table:
+def singular_table(fit: Fit, known: Identifiability) -> Table:
     """Return the table of singular values with the combination of parameters of each."""
     rows = [
         [f"{s:.3g}", *(f"{part:+.2f}" for part in np.ravel(direction))]

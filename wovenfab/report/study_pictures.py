@@ -26,7 +26,7 @@ from wovenfab.report.style import (
     zero_line,
 )
 from wovenfab.study.accuracy import Priced, Study
-from wovenfab.study.effects import Row
+from wovenfab.study.effects import EffectRow
 
 #: Sizes and colour of the parts of stacked bars.
 Parts = Mapping[str, tuple[Values, Any]]
@@ -37,7 +37,7 @@ _LEAST = 1e-8
 _SPAN = 4.0
 
 
-def draw_costs(rows: Sequence[Row], path: Path) -> Path:
+def draw_costs(rows: Sequence[EffectRow], path: Path) -> Path:
     """Draw unknowns, compile time and time of a step of each well-posed scene as bars."""
     shown = {row.scene: row.cost for row in rows if row.cost is not None}
     costs, light, dark = list(shown.values()), *sequence(2)

@@ -58,7 +58,7 @@ class GeometryFile:
 
 
 @dataclass(frozen=True)
-class Curve:
+class BoundaryCurve:
     """A curve of a geometry.
 
     Attributes:
@@ -96,7 +96,7 @@ class Geometry:
     points: Array
     triangles: Triangles
     outline: Outline
-    curves: tuple[Curve, ...]
+    curves: tuple[BoundaryCurve, ...]
 
 
 def from_file(
@@ -179,9 +179,9 @@ def read_geometry(
         raise GeometryError(f"{file.path}: {error}", error.key) from error
 
 
-def edge_lines(curves: Iterable[Curve]) -> list[str]:
+def edge_lines(curves: Iterable[BoundaryCurve]) -> list[str]:
     """Return each edge with its length, place and curves, then curves without a name, in words."""
-    named: dict[str, list[Curve]] = {}
+    named: dict[str, list[BoundaryCurve]] = {}
     for curve in curves:
         if curve.name is not None:
             named.setdefault(curve.name, []).append(curve)
@@ -195,7 +195,7 @@ def edge_lines(curves: Iterable[Curve]) -> list[str]:
     return [*lines, *([f"without a name: {_listed(unnamed)}"] if unnamed else [])]
 
 
-def _described(curves: list[Curve]) -> str:
+def _described(curves: list[BoundaryCurve]) -> str:
     """Return the length and the place of curves in words."""
     low = np.min([c.low for c in curves], axis=0).round(9) + 0.0
     high = np.max([c.high for c in curves], axis=0).round(9) + 0.0
@@ -203,7 +203,7 @@ def _described(curves: list[Curve]) -> str:
     return f"{sum(c.length for c in curves):.4g} m long, x = {x} m, y = {y} m"
 
 
-def _listed(curves: Iterable[Curve]) -> str:
+def _listed(curves: Iterable[BoundaryCurve]) -> str:
     """Return curves in words."""
     return ", ".join(map(str, curves))
 
@@ -241,7 +241,7 @@ def _geometry(mesh: FileMesh, file: GeometryFile) -> Geometry:
             length = float(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum())
             outside = all(frozenset(map(int, side)) in sides for side in fresh[pairs])
             box = ends.min(axis=(0, 1)), ends.max(axis=(0, 1))
-            curves.append(Curve(number, name, length, *box, outside))
+            curves.append(BoundaryCurve(number, name, length, *box, outside))
             if outside and name is not None:
                 segments.setdefault(name, []).append(fresh[pairs])
     _require_edges(mesh, file, curves)
@@ -277,7 +277,7 @@ def _names(mesh: FileMesh, file: GeometryFile) -> dict[int, str]:
     return names
 
 
-def _require_edges(mesh: FileMesh, file: GeometryFile, curves: list[Curve]) -> None:
+def _require_edges(mesh: FileMesh, file: GeometryFile, curves: list[BoundaryCurve]) -> None:
     """Refuse names of what is not there or not on the outline, and a sheet without names."""
     has = f"the outline has {_listed(c for c in curves if c.outside)}"
     for kind, groups in (("curve", mesh.curve_groups), ("surface", mesh.surface_groups)):

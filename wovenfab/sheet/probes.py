@@ -8,13 +8,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wovenfab.sheet.lattice import ON_SIDE, circle
+from wovenfab.sheet.output_nodes import ON_SIDE, circle
 
 Place = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class Point:
+class PointProbe:
     """Displacement of each family, and slip, at a point, on every step.
 
     Attributes:
@@ -101,7 +101,7 @@ class Yarn:
         return start, end
 
 
-Gauge = Point | Extensometer | Zone
+Gauge = PointProbe | Extensometer | Zone
 Probe = Gauge | Line | Yarn
 
 

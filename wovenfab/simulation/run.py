@@ -20,14 +20,14 @@ from wovenfab.record.field_file import FIELDS, MODE, Checkpoint, kept_times
 from wovenfab.record.fields import FieldSeries, write_lines
 from wovenfab.record.history import (
     HISTORY,
-    History,
     HistoryRows,
+    HistoryWriter,
     kept_rows,
     read_history,
 )
 from wovenfab.record.results import NothingToResumeError, this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 from wovenfab.simulation.checkpoint import SAME, Checkpoints, go_on
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
@@ -112,7 +112,7 @@ def run(
     with ExitStack() as stack:
         checkpoints: Checkpoints | None = None
         if directory is not None:
-            history = stack.enter_context(History(directory, rows, comm, first))
+            history = stack.enter_context(HistoryWriter(directory, rows, comm, first))
             on_root(comm, lambda: _write_texts(directory, simulation.output.texts))
             on_root(comm, lambda: (directory / SUMMARY).unlink(missing_ok=True))
             with watch.phase("compile"):
@@ -236,7 +236,7 @@ def _opened(
     model: Model, directory: Path, groups: Sequence[str], until: int, name: str = FIELDS
 ) -> tuple[FieldProbe, FieldSeries]:
     """Return what evaluates groups of fields, and the files that get them; collective."""
-    lattice = Lattice(model.balance.degree)
+    lattice = OutputNodes(model.balance.degree)
     probe = FieldProbe(model, groups, lattice.points)
     units = {f.name: f.unit or "1" for f in probe.fields}
     if name == MODE:

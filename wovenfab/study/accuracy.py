@@ -33,7 +33,7 @@ from wovenfab.study.response import (
     with_elements,
     with_steps,
 )
-from wovenfab.study.sweep import Member, Run
+from wovenfab.study.sweep import Member, SweepRun
 from wovenfab.study.variations import Variation
 
 #: Accuracies that are asked for, as many as there are levels.
@@ -95,7 +95,7 @@ def for_accuracies(case: Case, folder: Path, levels: int) -> list[Member]:
     ]
 
 
-def finer(runs: Sequence[Run], folder: Path) -> tuple[Run, Member] | None:
+def finer(runs: Sequence[SweepRun], folder: Path) -> tuple[SweepRun, Member] | None:
     """Return the last run that came to its end, and a finer one; None where there is none."""
     ended = [run for run in runs if run.has_results]
     if not ended:
@@ -191,7 +191,7 @@ class Priced:
         return max(self.errors.values(), default=0.0)
 
     @staticmethod
-    def of(run: Run, exact: Mapping[str, Any]) -> Priced:
+    def of(run: SweepRun, exact: Mapping[str, Any]) -> Priced:
         """Return what a run costs, and its errors against the summary of the finer answer."""
         summary, case = read_summary(run.directory), read_case(run.directory / CASE)
         times, said = summary["wall_time_s"], summary.get("accuracy", {})
@@ -226,7 +226,7 @@ class Study:
     doubt: float
 
     @staticmethod
-    def of(runs: Sequence[Run], last: Run, finest: Run) -> Study:
+    def of(runs: Sequence[SweepRun], last: SweepRun, finest: SweepRun) -> Study:
         """Return the study of runs, of which ``finest`` refines the ``last``."""
         exact = read_summary(finest.directory)
         priced = tuple(Priced.of(run, exact) for run in runs if run.has_results)

@@ -24,7 +24,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 from uuid import uuid4
 
-from wovenfab.case import Case, refusal
+from wovenfab.case import Case, case_error
 from wovenfab.case.document import parse_document
 from wovenfab.case.fingerprint import case_files
 from wovenfab.record.results import (
@@ -100,10 +100,10 @@ class Cluster:
         """Yield a client of the scheduler."""
         if self.name != SLURM and "://" not in self.name:
             remedy = f"It can be {LOCAL}, {SLURM} or an address such as tcp://10.0.0.1:8786."
-            raise refusal(OPTION, f"there is no cluster {self.name!r}", remedy)
+            raise case_error(OPTION, f"there is no cluster {self.name!r}", remedy)
         if self.name != SLURM and self.jobs is not None:
             remedy = "Leave --jobs out: a worker runs as many at a time as it has threads."
-            raise refusal(OPTION, "the workers decide how many runs go side by side", remedy)
+            raise case_error(OPTION, "the workers decide how many runs go side by side", remedy)
         from distributed import Client
 
         for name in _QUIET:
@@ -115,7 +115,7 @@ class Cluster:
                 client = Client(at, timeout=_ANSWER, set_as_default=False)
             except (OSError, ValueError) as error:
                 remedy = "Start one with 'dask scheduler', and workers with 'dask worker ADDRESS'."
-                raise refusal(OPTION, f"no scheduler answers at {self.name}", remedy) from error
+                raise case_error(OPTION, f"no scheduler answers at {self.name}", remedy) from error
             with client:
                 client.subscribe_topic("all", partial(_warn_of_lost_worker, client))
                 yield client
@@ -143,7 +143,7 @@ def _slurm(jobs: int, ranks: int) -> Iterator[Any]:
         from dask_jobqueue import SLURMCluster
     except ModuleNotFoundError:
         remedy = "Install it (pip install dask-jobqueue), or start scheduler and workers yourself."
-        raise refusal(OPTION, "slurm needs dask-jobqueue, which is missing", remedy) from None
+        raise case_error(OPTION, "slurm needs dask-jobqueue, which is missing", remedy) from None
     from dask import config
 
     memory = config.get("jobqueue.slurm.memory", None) or f"{_MEMORY * ranks} GiB"
@@ -172,7 +172,7 @@ def _told(of_task: Future[Ended], cluster: str) -> Future[Ended]:
     def tell(ended: Future[Ended]) -> None:
         if ended.cancelled():
             remedy = "Start one again and repeat the command: what is done is kept."
-            told.set_exception(refusal(OPTION, f"the scheduler of {cluster} has ended", remedy))
+            told.set_exception(case_error(OPTION, f"the scheduler of {cluster} has ended", remedy))
         elif (error := ended.exception()) is not None:
             why = f"{type(error).__name__}: {error}".splitlines()[0]
             told.set_result(Ended(1, "", "", 0.0, f"{why} (docs/cluster.md has what workers need)"))

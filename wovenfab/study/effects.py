@@ -137,7 +137,7 @@ def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
 
 
 @dataclass(frozen=True)
-class Row:
+class EffectRow:
     """One scene of the study.
 
     Attributes:
@@ -164,23 +164,23 @@ def with_effects(case: Case, names: Sequence[str]) -> Case:
 def study(
     case: Case,
     comm: MPI.Comm,
-    report: Callable[[Row], None],
+    report: Callable[[EffectRow], None],
     say: Callable[[str], None] = lambda text: None,
-) -> list[Row]:
+) -> list[EffectRow]:
     """Measure all scenes of a case one after the other, and report each row; collective.
 
     All have the same elements and steps, so that only the effects differ: those of the case, or
     what its accuracy takes with all effects, of which ``say`` is told.
     """
     case, sheet = settled(case, comm, say)
-    rows: dict[frozenset[str], Row] = {}
+    rows: dict[frozenset[str], EffectRow] = {}
     for scene, names in _scenes(case):
         if frozenset(names) in rows:
             continue
         try:
-            row = Row(scene, measure(with_effects(case, names), sheet))
+            row = EffectRow(scene, measure(with_effects(case, names), sheet))
         except CaseError as error:
-            row = Row(scene, None, error.problems[0].message)
+            row = EffectRow(scene, None, error.problems[0].message)
         report(row)
         rows[frozenset(names)] = row
     return list(rows.values())
@@ -209,7 +209,7 @@ def _fewest(name: str, case: Case) -> tuple[str, ...]:
     return ()
 
 
-def line(row: Row) -> str:
+def line(row: EffectRow) -> str:
     """Return the main figures of a row in words."""
     if row.cost is None:
         return f"{row.scene}: not well posed: {row.refused}"
@@ -221,7 +221,7 @@ def line(row: Row) -> str:
     )
 
 
-def write_table(rows: Sequence[Row], path: Path) -> None:
+def write_table(rows: Sequence[EffectRow], path: Path) -> None:
     """Write the table in SI units."""
     empty = dict.fromkeys(f.name for f in fields(Cost))
     costs = ((row, asdict(row.cost) if row.cost else empty) for row in rows)
@@ -244,7 +244,7 @@ COLUMNS: tuple[tuple[str, Callable[[Cost], str]], ...] = (
 )
 
 
-def printed(rows: Sequence[Row]) -> str:
+def printed(rows: Sequence[EffectRow]) -> str:
     """Return the table in Markdown; scenes that are not well posed with the reason."""
     costs = [(row.scene, row.cost) for row in rows if row.cost is not None]
     cells = [[scene, *(show(cost) for _, show in COLUMNS)] for scene, cost in costs]

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from wovenfab.case import Case, Cycles, Ramp
+from wovenfab.case import Case, CyclesSection, RampSection
 from wovenfab.case.objects import simulation_of
 from wovenfab.model.model import Model
 from wovenfab.record.history import index_of_peak, peak_force
@@ -259,17 +259,17 @@ def trial_of(case: Case, accuracy: float) -> Case:
     Forces balance to the root of the solver's tolerance at least; responses will be compared to
     the accuracy.
     """
-    program = tuple(_largest_cycle(s) if isinstance(s, Cycles) else s for s in case.program)
+    program = tuple(_largest_cycle(s) if isinstance(s, CyclesSection) else s for s in case.program)
     match program:
-        case (Cycles(amplitudes=(largest,)),) if not case.needs.history:
-            program = (Ramp(to=largest),)
+        case (CyclesSection(amplitudes=(largest,)),) if not case.needs.history:
+            program = (RampSection(to=largest),)
     tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})
     trial = case.model_copy(update={"program": program, "solver": solver})
     return with_extra_times(trial, ())
 
 
-def _largest_cycle(cycles: Cycles) -> Cycles:
+def _largest_cycle(cycles: CyclesSection) -> CyclesSection:
     return cycles.model_copy(update={"amplitudes": (max(cycles.amplitudes),), "repeat": 1})
 
 
@@ -287,7 +287,7 @@ def with_steps(
     programs: dict[str, Any] = {
         name: tuple(
             s
-            if isinstance(s, Cycles) or not s.steps
+            if isinstance(s, CyclesSection) or not s.steps
             else s.model_copy(update={"steps": max(fewest, round(s.steps * share))})
             for s in segments
         )
@@ -307,7 +307,7 @@ def with_extra_times(case: Case, times: Iterable[float]) -> Case:
 def has_fixed_steps(case: Case) -> bool:
     """Return whether no segment can be divided in another number of steps."""
     segments = chain(*case.programs.values())
-    return not any(isinstance(s, Cycles) or s.steps for s in segments)
+    return not any(isinstance(s, CyclesSection) or s.steps for s in segments)
 
 
 def prolongated(values: Array, low: Model, high: Model) -> Array:

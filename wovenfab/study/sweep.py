@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from wovenfab.case import Case, CaseError, Rectangle, read_case, refusal
+from wovenfab.case import Case, CaseError, Rectangle, case_error, read_case
 from wovenfab.case.fingerprint import fingerprint
 from wovenfab.case.program import steps_of_case
 from wovenfab.record.history import HISTORY
@@ -81,11 +81,11 @@ def members_of(
         try:
             folder_of_run(member.label)
         except ValueError as error:
-            raise refusal(OVER, str(error), RENAME) from error
+            raise case_error(OVER, str(error), RENAME) from error
     for name, times in Counter(member.name for member in members).items():
         if times > 1:
             remedy = "Give each case and each value once."
-            raise refusal(OVER, f"{times} runs would be called '{name}'", remedy)
+            raise case_error(OVER, f"{times} runs would be called '{name}'", remedy)
     return members
 
 
@@ -101,7 +101,7 @@ State = Literal["waiting", "running", "unchanged", "finished", "failed"]
 
 
 @dataclass
-class Run:
+class SweepRun:
     """A member and its state.
 
     Attributes:
@@ -175,7 +175,7 @@ class Sweep:
         before: Share of the work that was done then.
     """
 
-    runs: list[Run]
+    runs: list[SweepRun]
     started: float = field(default_factory=time.monotonic)
     before: float = 0.0
 
@@ -198,8 +198,8 @@ def sweep(
     members: Sequence[Member],
     directory: Path,
     cluster: Cluster,
-    report: Callable[[Sweep, Run | None], None],
-) -> list[Run]:
+    report: Callable[[Sweep, SweepRun | None], None],
+) -> list[SweepRun]:
     """Run all members whose results are not there yet, side by side.
 
     On one machine each runs on one processor: side by side they need less time than one after the
@@ -215,7 +215,7 @@ def sweep(
         CaseError: There is no such cluster.
         KeyboardInterrupt: This process was told to end.
     """
-    runs = [Run(m, directory / m.name, fingerprint(m.case)) for m in members]
+    runs = [SweepRun(m, directory / m.name, fingerprint(m.case)) for m in members]
     state = Sweep(runs)
     for run in runs:
         if run.has_begun and outcome_of(run.directory) == FINISHED:
@@ -259,25 +259,25 @@ _PRINTED = {
 }
 
 
-def table_of(runs: Sequence[Run]) -> list[dict[str, Any]]:
+def table_of(runs: Sequence[SweepRun]) -> list[dict[str, Any]]:
     """Return a row for each run: name, what is varied, outcome and figures in SI units."""
     keys = dict.fromkeys(key for run in runs for key in run.member.variation.values)
     return [_row(run, list(keys)) for run in runs]
 
 
-def write_table(runs: Sequence[Run], directory: Path) -> Path:
+def write_table(runs: Sequence[SweepRun], directory: Path) -> Path:
     """Write the table as CSV into the directory of a sweep; return the file."""
     write_csv(directory / TABLE, table_of(runs))
     return directory / TABLE
 
 
-def printed(runs: Sequence[Run]) -> str:
+def printed(runs: Sequence[SweepRun]) -> str:
     """Return the main columns as a table in Markdown."""
     rows = [[row["run"], *(_short(row[key]) for key in _PRINTED)] for row in table_of(runs)]
     return markdown(["run", *_PRINTED.values()], rows, texts=(0, 1))
 
 
-def _row(run: Run, keys: Sequence[str]) -> dict[str, Any]:
+def _row(run: SweepRun, keys: Sequence[str]) -> dict[str, Any]:
     summary = read_summary(run.directory) if run.has_results else {}
     values = run.member.variation.values
     outcome = "finished" if run.ended else "not run"

@@ -23,7 +23,7 @@ from wovenfab.case.document import (
     parse_document,
     read_document,
 )
-from wovenfab.case.errors import OVERRIDE, CaseError, Problem, problems_in, refusal
+from wovenfab.case.errors import OVERRIDE, CaseError, CaseProblem, case_error, problems_in
 from wovenfab.case.quantities import OneOr, Section, Several
 
 #: ``Problem.file`` of what the command line varies.
@@ -64,7 +64,7 @@ class Variation:
         """Return the values as :func:`wovenfab.case.read_case` takes them."""
         return tuple(f"{key}={json.dumps(value)}" for key, value in self.values.items())
 
-    def at_source(self, problem: Problem) -> Problem:
+    def at_source(self, problem: CaseProblem) -> CaseProblem:
         """Return a problem of an overridden value as one of the place where it was written."""
         for key, place in self.places.items():
             if problem.file == OVERRIDE and f"{problem.key}.".startswith(f"{key}."):
@@ -84,9 +84,9 @@ def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
         CaseError: There is no value, or only some have units.
     """
     if not values:
-        raise refusal(place.file, "no value is given", line=place.line, key=key)
+        raise case_error(place.file, "no value is given", line=place.line, key=key)
     if problem := lists.mixed(values):
-        raise refusal(place.file, *problem, place.line, key)
+        raise case_error(place.file, *problem, place.line, key)
     return [Variation({key: value}, {key: place}, axes=(key,)) for value in values]
 
 
@@ -101,7 +101,7 @@ def read_over(text: str) -> list[Variation]:
     key, equals, values = (part.strip() for part in text.partition("="))
     if not key or not equals:
         remedy = 'For example --over "effects.bending.stiffness=24 N*m,254 N*m".'
-        raise refusal(OVER, f"expected 'key=value,value', got {text!r}", remedy)
+        raise case_error(OVER, f"expected 'key=value,value', got {text!r}", remedy)
     try:
         given = parse_document(f"[{values}]", OVER).data
     except CaseError as error:

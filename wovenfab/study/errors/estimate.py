@@ -20,7 +20,7 @@ from wovenfab.record.field_file import ERROR
 from wovenfab.record.fields import FieldSeries
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
-from wovenfab.sheet.lattice import Lattice
+from wovenfab.sheet.output_nodes import OutputNodes
 from wovenfab.study.errors.elements import DegreeRefinement, error_shares
 from wovenfab.study.errors.steps import PEAK
 from wovenfab.study.response import Response
@@ -127,7 +127,7 @@ def write_errors(estimate: Estimate, directory: Path) -> None:
     series = FieldSeries(
         directory,
         comm,
-        Lattice(1),
+        OutputNodes(1),
         corners.reshape(-1, 2),
         low.sheet.original_cells[: len(shares)],
         {"error_share": "1", "error_density": "1/m^2"},

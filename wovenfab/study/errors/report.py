@@ -14,7 +14,7 @@ import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.case import Case, Cycles
+from wovenfab.case import Case, CyclesSection
 from wovenfab.case.objects import sheet_of
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
@@ -122,7 +122,7 @@ def traits(case: Case) -> tuple[float, ...]:
         float(case.needs.placements == 2),
         float(case.needs.history),
         float(any(entry.effect.set_valued for entry in case.scene)),
-        float(any(isinstance(segment, Cycles) for segment in segments)),
+        float(any(isinstance(segment, CyclesSection) for segment in segments)),
         float(abs(sum(case.sheet.fibres)) > ASKEW),
         log(USUAL_ACCURACY / case.accuracy),
     )
@@ -133,7 +133,7 @@ def expected_seconds(case: Case) -> float:
     known = traits(case)
     trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
     segments = chain(*case.programs.values())
-    cycles = sum(s.segment(2).count for s in segments if isinstance(s, Cycles))
+    cycles = sum(s.segment(2).count for s in segments if isinstance(s, CyclesSection))
     return trials + run * max(1, cycles)
 
 
@@ -235,7 +235,7 @@ def _steps(case: Case) -> str:
     if not case.needs.history:
         return ""
     steps, tolerance = f"{case.planned_steps} steps", case.time.tolerance
-    if all(isinstance(segment, Cycles) for segment in case.program):
+    if all(isinstance(segment, CyclesSection) for segment in case.program):
         steps = f"{case.time.steps_per_cycle} steps a cycle"
         if extra := len(case.time.extra_times):
             steps += f" and {extra} more"

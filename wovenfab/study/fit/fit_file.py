@@ -15,13 +15,13 @@ from pydantic_core import PydanticCustomError
 from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import existing_file, folder_of, read_document
 from wovenfab.case.errors import (
+    CaseProblem,
     FormulaError,
-    Problem,
     describe,
     near_miss,
     problems_in,
     reason,
-    wrong,
+    value_error,
 )
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
 from wovenfab.case.quantities import Length, Section, Several
@@ -55,7 +55,7 @@ def _share_or_force(value: Any) -> tuple[float, bool]:
                 continue
             if number > 0:
                 return number, share
-    raise wrong(f"expected an error such as 1 % or 0.1 N, got {describe(value)}")
+    raise value_error(f"expected an error such as 1 % or 0.1 N, got {describe(value)}")
 
 
 def _lines(value: Any) -> tuple[int, int] | None:
@@ -66,7 +66,9 @@ def _lines(value: Any) -> tuple[int, int] | None:
         return rows_of(str(value))
     except ValueError:
         remedy = "For example 'rows: 12-340', counted from 1 as an editor does."
-        raise wrong(f"expected the first and last line, got {describe(value)}", remedy) from None
+        raise value_error(
+            f"expected the first and last line, got {describe(value)}", remedy
+        ) from None
 
 
 _Rows = Annotated[
@@ -142,7 +144,7 @@ class Test(Section):
     """Measured points of a smaller displacement (slack, the toe of the curve) are left out."""
 
 
-class Sought(Section):
+class ParameterSpec(Section):
     """A parameter to find."""
 
     start: float | str | None = Field(default=None, examples=["400 N/m"])
@@ -170,7 +172,7 @@ class FitFile(Section):
     tests: tuple[Test, ...] = Field(min_length=1)
     """The tests."""
 
-    parameters: Mapping[str, Sought | None] = Field(
+    parameters: Mapping[str, ParameterSpec | None] = Field(
         min_length=1, examples=[{"shear.stiffness": {"start": "4 N/m"}}]
     )
     """What is sought: effect.parameter, effect.parameter[1] of one family, effect.parameter#2 for
@@ -183,7 +185,7 @@ class FitFile(Section):
 
 
 @dataclass(frozen=True)
-class Unknown:
+class FitParameter:
     """A parameter with its bounds, in its unit.
 
     Attributes:
@@ -240,7 +242,7 @@ class Fit:
     title: str
     name: str
     tests: tuple[MeasuredTest, ...]
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[FitParameter, ...]
     refine: bool = True
     profiles: tuple[str, ...] = ()
 
@@ -257,7 +259,7 @@ def read_fit(path: Path) -> Fit:
     except ValidationError as error:
         raise CaseError(problems_in(error, document, FitFile.model_json_schema())) from error
     tests = tuple(_test(test) for test in given.tests)
-    problems: list[Problem] = [
+    problems: list[CaseProblem] = [
         test.case.problem("accuracy", "a fit chooses cells and steps itself", "Leave it out.")
         for test in tests
         if test.case.accuracy is not None
@@ -265,7 +267,7 @@ def read_fit(path: Path) -> Fit:
     unknowns = []
     for name, sought in given.parameters.items():
         try:
-            unknowns.append(_unknown(name, sought or Sought(), tests[0].case))
+            unknowns.append(_unknown(name, sought or ParameterSpec(), tests[0].case))
         except PydanticCustomError as error:
             problems.append(document.problem(("parameters", name), *reason(error)))
     problems += [
@@ -300,7 +302,7 @@ def _test(test: Test) -> MeasuredTest:
     return MeasuredTest(case, measured, error, test.weight, test.toe)
 
 
-def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
+def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
     """Return a parameter with its bounds.
 
     Raises:
@@ -309,7 +311,7 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
     effect, _, rest = name.partition(".")
     if effect == "machine":
         if rest not in MACHINE:
-            raise wrong(f"the machine has no {rest!r}", f"It has {', '.join(MACHINE)}.")
+            raise value_error(f"the machine has no {rest!r}", f"It has {', '.join(MACHINE)}.")
         unit, target, value, least = MACHINE[rest], None, 0.0, -inf
         if rest == "compliance":
             least = 0.0
@@ -321,21 +323,21 @@ def _unknown(name: str, sought: Sought, case: Case) -> Unknown:
         low, high = (_si(b, unit) for b in sought.bounds)
     elif target is None:
         remedy = "For example 'bounds: [0 mm, 2 mm]'."
-        raise wrong("a parameter of the machine needs bounds", remedy)
+        raise value_error("a parameter of the machine needs bounds", remedy)
     else:
         low, high = max(least, start * 1e-3), start * 1e3
     if not low < high or low < least:
-        raise wrong(f"the bounds must increase from {least:g} on, got {low:g} and {high:g}")
+        raise value_error(f"the bounds must increase from {least:g} on, got {low:g} and {high:g}")
     if not low <= start <= high:
-        raise wrong(f"the start {start:g} {unit} is outside of the bounds")
+        raise value_error(f"the start {start:g} {unit} is outside of the bounds")
     by_factors = sought.scale == "log" or (sought.scale is None and low > 0)
     if by_factors and low <= 0:
-        raise wrong("a search by factors needs positive bounds", "Take 'scale: linear'.")
+        raise value_error("a search by factors needs positive bounds", "Take 'scale: linear'.")
     scaled = sought.start is None and target is not None and not target.coefficient
-    return Unknown(name, unit, target, start, scaled, (low, high), by_factors)
+    return FitParameter(name, unit, target, start, scaled, (low, high), by_factors)
 
 
-def _keeping_ratio(unknown: Unknown, tests: Sequence[MeasuredTest]) -> Unknown:
+def _keeping_ratio(unknown: FitParameter, tests: Sequence[MeasuredTest]) -> FitParameter:
     """Return an unknown by a common factor if it stands for both families of an unequal pair."""
     if (target := unknown.target) is None or target.coefficient or len(target.families) == 1:
         return unknown
@@ -355,13 +357,15 @@ def target_of(name: str, case: Case) -> Target:
     parameter = match["parameter"] if match else rest
     if effect not in case.effects:
         known = f"The effects are {', '.join(case.effects)}."
-        raise wrong(f"the case has no effect {effect!r}", near_miss(effect, case.effects) or known)
+        raise value_error(
+            f"the case has no effect {effect!r}", near_miss(effect, case.effects) or known
+        )
     if parameter not in case.effects[effect]:
         known = f"It has {', '.join(case.effects[effect])}."
-        raise wrong(f"{effect} has no parameter {parameter!r}", known)
+        raise value_error(f"{effect} has no parameter {parameter!r}", known)
     family, coefficient = (match["family"], match["coefficient"]) if match else (None, None)
     if family not in (None, "1", "2"):
-        raise wrong("the families are [1] and [2]")
+        raise value_error("the families are [1] and [2]")
     families = (0, 1) if family is None else (int(family) - 1,)
     target = Target(effect, parameter, families, int(coefficient or 0))
     value = case.effects[effect][parameter]
@@ -372,7 +376,7 @@ def target_of(name: str, case: Case) -> Target:
         except FormulaError as error:  # the exponent of a length, which the unit depends on
             number = coefficients(formula)[target.coefficient - 1][0]
             message = f"the number {number:g} of the formula {formula.text!r} must stay"
-            raise wrong(message, f"With another one {error}.") from error
+            raise value_error(message, f"With another one {error}.") from error
     return target
 
 
@@ -381,28 +385,30 @@ def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
     value = case.effects[target.effect][target.parameter]
     if isinstance(value, tuple):
         if target.coefficient and value[0] != value[1] and len(target.families) == 2:
-            raise wrong("each family has a formula of its own", "Say which: [1] or [2].")
+            raise value_error("each family has a formula of its own", "Say which: [1] or [2].")
         chosen = [value[f] for f in target.families]
         if not target.coefficient and any(isinstance(v, Expression) for v in chosen):
-            raise wrong(
+            raise value_error(
                 "the case gives this parameter by a formula of each family",
                 f"Seek one family, or a coefficient of one, such as {target}[1]#1.",
             )
         if len(chosen) == 2 and chosen[0] != chosen[1] and 0.0 in chosen:
-            raise wrong("a pair of which one value is zero has no ratio", "Say which: [1] or [2].")
+            raise value_error(
+                "a pair of which one value is zero has no ratio", "Say which: [1] or [2]."
+            )
         value = chosen[0]
     elif len(target.families) == 1:
-        raise wrong("both families have the same value", "Give the case a pair of values.")
+        raise value_error("both families have the same value", "Give the case a pair of values.")
     numbers = coefficients(value)
     if target.coefficient:
         if target.coefficient > len(numbers):
             remedy = "They are the numbers of a formula, counted from 1."
-            raise wrong(f"the value has {len(numbers)} coefficients", remedy)
+            raise value_error(f"the value has {len(numbers)} coefficients", remedy)
         number, unit = numbers[target.coefficient - 1]
         return unit, number, -inf
     if isinstance(value, Expression):
         remedy = f"Seek its coefficients: {target}#1 to {target}#{len(numbers)}, in their order."
-        raise wrong("the case gives this parameter by a formula", remedy)
+        raise value_error("the case gives this parameter by a formula", remedy)
     term = next(e for e in case.scene if e.name == target.effect)
     parameter = next(p for p in term.effect.parameters if p.name == target.parameter)
     return parameter.unit, float(value), 0.0 if parameter.above is None else parameter.above
@@ -414,11 +420,13 @@ def _si(value: float | str, unit: str) -> float:
         if not isfinite(number):
             raise ValueError(value)
     except ValueError as error:
-        raise wrong(f"expected {units.kind(unit)}, got {error}") from error
+        raise value_error(f"expected {units.kind(unit)}, got {error}") from error
     return number
 
 
-def with_values(case: Case, unknowns: tuple[Unknown, ...], values: Mapping[str, float]) -> Case:
+def with_values(
+    case: Case, unknowns: tuple[FitParameter, ...], values: Mapping[str, float]
+) -> Case:
     """Return a case with other values of its material parameters, by name and in their units."""
     for unknown in unknowns:
         if (target := unknown.target) is None:

@@ -24,7 +24,7 @@ from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.response import (
     Comparison,
-    Curve,
+    ResponseCurve,
     TrialError,
     command,
     compared,
@@ -40,7 +40,7 @@ HERE = Cluster(jobs=1)
 
 
 @dataclass(frozen=True)
-class Trial:
+class FitTrial:
     """Values that were tried.
 
     Attributes:
@@ -78,7 +78,7 @@ class Evaluation:
 
     residuals: Array
     jacobian: Array
-    curves: tuple[Curve, ...]
+    curves: tuple[ResponseCurve, ...]
     comparisons: tuple[Comparison, ...]
 
     @property
@@ -148,7 +148,7 @@ class Objective:
         fit: Fit,
         folder: Path,
         cluster: Cluster = HERE,
-        report: Callable[[Trial], None] = lambda trial: None,
+        report: Callable[[FitTrial], None] = lambda trial: None,
     ) -> None:
         """Start the processes, if there are several tests or ranks, or reach the cluster.
 
@@ -170,7 +170,7 @@ class Objective:
                 jobs, mp_context=get_context("spawn"), initializer=end_with_parent
             )
             self._pool = self._stack.enter_context(pool)
-        self.trials: list[Trial] = []
+        self.trials: list[FitTrial] = []
         self._evaluated: dict[str, Evaluation | None] = {}
         self._tried: set[str] = set()
         self._reference: Mapping[str, float] = {u.name: u.start for u in fit.unknowns}
@@ -250,7 +250,7 @@ class Objective:
             misfit = done.misfit if done else np.nan
             seconds = sum(curve.seconds for curve in done.curves) if done else 0.0
             if key not in self._tried:
-                trial = Trial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
+                trial = FitTrial(len(self.trials) + 1, scale, values, misfit, seconds, failure)
                 self.trials.append(trial)
                 self._report(trial)
             self._tried.add(key)
@@ -278,7 +278,7 @@ class Objective:
         self._evaluated.clear()
         return True
 
-    def _curves(self, values: Mapping[str, float], scale: float) -> list[Curve]:
+    def _curves(self, values: Mapping[str, float], scale: float) -> list[ResponseCurve]:
         fit = self._fit
         targets = [u.target for u in fit.unknowns if u.target is not None]
         try:
@@ -295,7 +295,7 @@ class Objective:
             stored[i] = curve
         return [curve for curve in stored if curve is not None]
 
-    def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[Curve]:
+    def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[ResponseCurve]:
         """Return the curves of cases, computed now."""
         if self._submit:  # a process each, on any machine
             commands = [command(case, targets, self._ranks) for case in cases]
@@ -307,9 +307,9 @@ class Objective:
         except BrokenProcessPool:
             raise TrialError("the process of a run was killed, maybe for its memory") from None
 
-    def _load(self, mark: str) -> Curve | None:
+    def _load(self, mark: str) -> ResponseCurve | None:
         data: Any = self._store.load(mark, mark)
-        return None if data is None else Curve.of(data)
+        return None if data is None else ResponseCurve.of(data)
 
 
 def at_scale(case: Case, scale: float) -> Case:

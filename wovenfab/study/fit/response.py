@@ -33,7 +33,7 @@ from wovenfab.measured.curve import Measured, reversed_force, said
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
-from wovenfab.study.fit.fit_file import Unknown
+from wovenfab.study.fit.fit_file import FitParameter
 from wovenfab.study.runner import Command, Ended
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ ITERATIONS = 50
 
 
 @dataclass(frozen=True)
-class Curve:
+class ResponseCurve:
     """The computed force against the displacement of the sample.
 
     Attributes:
@@ -68,10 +68,10 @@ class Curve:
     straight: bool = False
 
     @staticmethod
-    def of(data: Mapping[str, Any]) -> Curve:
+    def of(data: Mapping[str, Any]) -> ResponseCurve:
         """Return the curve of what :meth:`as_lists` gave."""
         u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
-        return Curve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+        return ResponseCurve(u, f, slopes, tuple(data["turns"]), data["seconds"])
 
     def as_lists(self) -> dict[str, Any]:
         """Return it as JSON has it."""
@@ -82,7 +82,7 @@ class TrialError(Exception):
     """A trial whose run did not come to its end."""
 
 
-def computed(case: Case, targets: Sequence[Target]) -> Curve:
+def computed(case: Case, targets: Sequence[Target]) -> ResponseCurve:
     """Return the curve of a case with its derivatives; collective.
 
     Args:
@@ -105,7 +105,7 @@ def computed(case: Case, targets: Sequence[Target]) -> Curve:
     none = np.zeros(len(targets))
     rows = [s.derivatives.force if s.derivatives else none for s in steps]
     u = np.array([s.displacement for s in steps])
-    return Curve(
+    return ResponseCurve(
         u, np.array([s.force for s in steps]), np.array(rows), _turns(u), perf_counter() - started
     )
 
@@ -116,7 +116,7 @@ def command(case: Case, targets: Sequence[Target], ranks: int) -> Command:
     return Command(["-m", "wovenfab.study.fit.response"], ranks, files=files)
 
 
-def curve_of(ended: Ended) -> Curve:
+def curve_of(ended: Ended) -> ResponseCurve:
     """Return the curve that such a command has computed.
 
     Raises:
@@ -127,7 +127,7 @@ def curve_of(ended: Ended) -> Curve:
     result = ended.result
     if "failure" in result:
         raise TrialError(result["failure"])
-    return Curve.of(result)
+    return ResponseCurve.of(result)
 
 
 def _turns(displacement: Array) -> tuple[int, ...]:
@@ -193,19 +193,19 @@ class BranchError(Exception):
     """Measured and computed curve do not belong to each other."""
 
 
-def curve_of_history(displacement: Array, force: Array) -> Curve:
+def curve_of_history(displacement: Array, force: Array) -> ResponseCurve:
     """Return the curve of a run that is there already, in m and N, without derivatives.
 
     It is straight between the steps, as it is drawn.
     """
     slopes = np.zeros((len(force), 0))
-    return Curve(displacement, force, slopes, _turns(displacement), 0.0, straight=True)
+    return ResponseCurve(displacement, force, slopes, _turns(displacement), 0.0, straight=True)
 
 
 def compared(
     measured: Measured,
-    curve: Curve,
-    unknowns: Sequence[Unknown] = (),
+    curve: ResponseCurve,
+    unknowns: Sequence[FitParameter] = (),
     values: Mapping[str, float] = MappingProxyType({}),
     toe: float = -np.inf,
     reference: Mapping[str, float] = MappingProxyType({}),
@@ -267,7 +267,7 @@ def compared(
     return Comparison(rows, forces, computed, slopes, uncertain, wanted - count, reach)
 
 
-def _check_signs(measured: Measured, curve: Curve) -> None:
+def _check_signs(measured: Measured, curve: ResponseCurve) -> None:
     """Refuse curves whose displacement or force has the other sign than the program's.
 
     Raises:
@@ -288,10 +288,10 @@ def _check_signs(measured: Measured, curve: Curve) -> None:
 
 def _along(
     measured: Measured,
-    curve: Curve,
+    curve: ResponseCurve,
     span: slice,
     rows: NDArray[np.intp],
-    unknowns: Sequence[Unknown],
+    unknowns: Sequence[FitParameter],
     machine: Sequence[float],
     error: float,
 ) -> tuple[NDArray[np.intp], Array, Array, Array, Array]:

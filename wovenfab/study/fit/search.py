@@ -23,8 +23,8 @@ from scipy.optimize import least_squares
 
 from wovenfab.study.errors.refinement import exponent
 from wovenfab.study.fit.fit_file import Fit
-from wovenfab.study.fit.knowledge import LEVEL
-from wovenfab.study.fit.objective import Correction, Evaluation, Objective, Trial
+from wovenfab.study.fit.identifiability import LEVEL
+from wovenfab.study.fit.objective import Correction, Evaluation, FitTrial, Objective
 from wovenfab.study.fit.response import TrialError
 
 Array = NDArray[np.float64]
@@ -83,7 +83,7 @@ class Found:
 
     values: Mapping[str, float]
     evaluation: Evaluation
-    trials: tuple[Trial, ...]
+    trials: tuple[FitTrial, ...]
     scale: float
     converged: bool
     error: float
@@ -186,7 +186,7 @@ def search_with_slack(objective: Objective, fit: Fit) -> Found:
     return found
 
 
-def share_done(trials: Sequence[Trial], refine: bool) -> float:
+def share_done(trials: Sequence[FitTrial], refine: bool) -> float:
     """Return the share of a search's time that is over, with the usual number of trials."""
     coarse, fine = ([t.seconds for t in trials if t.coarse == kind] for kind in (True, False))
     of_one = sum(coarse) / len(coarse) if coarse else 0.0

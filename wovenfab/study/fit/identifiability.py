@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wovenfab.case.specimen import bias_extension_of
-from wovenfab.study.fit.fit_file import Fit, MeasuredTest, Unknown
+from wovenfab.study.fit.fit_file import Fit, FitParameter, MeasuredTest
 from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison
 
@@ -43,7 +43,7 @@ TOO_FEW_RUNS = 0.01
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """A parameter with its interval.
 
     Attributes:
@@ -97,7 +97,7 @@ class Fidelity:
 
 
 @dataclass(frozen=True)
-class Knowledge:
+class Identifiability:
     """What is known after a fit.
 
     Attributes:
@@ -114,7 +114,7 @@ class Knowledge:
         unresolved: Of these, in each test, where the steps do not resolve the curve.
     """
 
-    intervals: tuple[Interval, ...]
+    intervals: tuple[ConfidenceInterval, ...]
     correlations: Array
     singular_values: Array
     directions: Array
@@ -132,7 +132,7 @@ def knowledge(
     jacobian: Array,
     comparisons: Sequence[Comparison],
     shift: Array | None = None,
-) -> Knowledge:
+) -> Identifiability:
     """Return what the curves tell.
 
     Args:
@@ -166,7 +166,7 @@ def knowledge(
         _interval(u, values[u.name], factor * float(d), float(more))
         for u, d, more in zip(fit.unknowns, deviation, moved, strict=True)
     )
-    return Knowledge(
+    return Identifiability(
         intervals,
         covariance / np.outer(size, size),
         singular,
@@ -179,7 +179,9 @@ def knowledge(
     )
 
 
-def _interval(unknown: Unknown, value: float, scatter: float, shift: float) -> Interval:
+def _interval(
+    unknown: FitParameter, value: float, scatter: float, shift: float
+) -> ConfidenceInterval:
     low, high = unknown.bounds
     half = scatter + shift
     if unknown.by_factors:
@@ -195,7 +197,7 @@ def _interval(unknown: Unknown, value: float, scatter: float, shift: float) -> I
     at = "lower" if share < AT_BOUND else "upper" if share > 1 - AT_BOUND else ""
     a, b = (float(e) for e in ends)
     known = bool(determined) and not at
-    return Interval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
+    return ConfidenceInterval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
 def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
@@ -239,7 +241,7 @@ def sign_runs(residuals: Array) -> tuple[int, float, float]:
     return runs, expected, float(stats.norm.cdf(z))
 
 
-def in_words(known: Knowledge, fit: Fit) -> list[str]:
+def in_words(known: Identifiability, fit: Fit) -> list[str]:
     """Return sentences on what the curves tell and what they do not."""
     lines = []
     if any(i.shift > SAID * i.half for i in known.intervals):
@@ -308,7 +310,7 @@ def in_words(known: Knowledge, fit: Fit) -> list[str]:
     return lines
 
 
-def models_compared(known: Mapping[str, Knowledge]) -> list[str]:
+def models_compared(known: Mapping[str, Identifiability]) -> list[str]:
     """Return lines that compare fits to the same curves, by their names."""
     width = max(map(len, known))
     lines = [f"{'':{width}}  parameters  determined  misfit  BIC"]

@@ -35,7 +35,7 @@ ARC = 128
 
 
 @dataclass(frozen=True)
-class Lattice:
+class OutputNodes:
     """Equidistant points of the reference triangle (0,0), (1,0), (0,1) and their triangles.
 
     Each cell has points of its own, so that a field may jump between cells.
