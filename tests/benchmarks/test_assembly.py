@@ -15,6 +15,7 @@ from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options
 from wovenfab.model.model import Numerics
 
 
+@pytest.mark.slow
 def test_the_tangent_is_that_of_the_plainly_differentiated_energy(tmp_path: Path) -> None:
     model = scenes.model(scenes.sheet(mesh_size=0.15), scenes.COUPLED, Numerics(2, mixed=False))
     random = np.random.default_rng(7)

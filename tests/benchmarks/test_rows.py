@@ -11,6 +11,8 @@ from benchmarks.hard.families import families
 from benchmarks.hard.measurement import Measurement
 from benchmarks.hard.row import Row, Setting, problems
 
+pytestmark = pytest.mark.slow
+
 ROWS = [row.small() for family in families() for row in family.rows]
 
 

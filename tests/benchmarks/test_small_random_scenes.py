@@ -13,6 +13,8 @@ from wovenfab.study.accuracy import FIGURES, finer_case
 from wovenfab.study.errors.choice import plan
 from wovenfab.study.response import response_of
 
+pytestmark = pytest.mark.slow
+
 ACCURACY = 0.03
 #: Seeds and numbers. On coarse cells of 7-19 degrees 4 and 5 agree on a loss that is too large.
 SCENES = [*((1, n) for n in (3, 10, 15, 24, 32, 36, 37, 39, 47, 49, 51, 62)), (7, 19)]

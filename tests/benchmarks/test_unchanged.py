@@ -30,6 +30,7 @@ def test_the_largest_difference_is_relative_to_the_size_of_its_column(
     assert largest.size == pytest.approx(size)
 
 
+@pytest.mark.slow
 def test_the_same_code_gives_the_same_history_and_stored_ones_are_not_made_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

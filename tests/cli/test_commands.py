@@ -134,6 +134,7 @@ def test_a_bad_case_ends_with_2_one_line_a_problem_and_nothing_written(tmp_path:
     assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_custom_effect_that_cannot_be_compiled_ends_with_2_and_nothing_written(
     tmp_path: Path, ranks: int
@@ -202,6 +203,7 @@ def test_a_sheet_that_buckles_ends_with_3_its_critical_load_and_its_mode(folder:
     assert abs(mode[:, 1]).max() == abs(mode).max()  # across the yarns
 
 
+@pytest.mark.slow
 def test_a_branch_is_followed_and_a_saddle_told(folder: Path) -> None:
     said, energies = [], []
     for way in ("follow", "ignore"):
@@ -216,6 +218,7 @@ def test_a_branch_is_followed_and_a_saddle_told(folder: Path) -> None:
     assert read_summary(folder / "follow")["saddles"] == 0
 
 
+@pytest.mark.slow
 def test_petsc_options_are_reachable_from_the_case_and_the_command_line(folder: Path) -> None:
     short = "program={type: ramp, to: 1 mm, steps: 1, velocity: 0.5 m/s}"
     by_case = wovenfab(
@@ -252,6 +255,7 @@ def test_check_refuses_a_mesh_that_is_too_large_by_its_head(folder: Path, tmp_pa
     assert "about 7.2e+09 unknowns need about" in ended.stderr
 
 
+@pytest.mark.slow
 def test_check_says_what_an_effect_would_bring_and_which_does_nothing(folder: Path) -> None:
     told = wovenfab(
         "check", "small.yaml", "--set", "effects.spin_friction.strength=0", cwd=folder
@@ -306,6 +310,7 @@ def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -
     assert iterations[0] == iterations[1]
 
 
+@pytest.mark.slow
 def test_code_in_the_current_folder_is_never_run(tmp_path: Path) -> None:
     """Also not when that folder is another clone: its code would bear this one's name."""
     (tmp_path / "small.yaml").write_text(CASE)

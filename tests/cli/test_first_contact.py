@@ -70,6 +70,7 @@ def told(ended: subprocess.CompletedProcess[str], folder: Path) -> str:
     return said[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_compiler_that_is_not_there(ranks: int, tmp_path: Path) -> None:
     assert "no-such-cc" in told(run(tmp_path, ranks=ranks, CC="no-such-cc"), tmp_path)

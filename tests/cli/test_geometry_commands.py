@@ -36,6 +36,7 @@ def polygon(points: list[tuple[float, float]], groups: str) -> str:
     return text + f"Curve Loop(1) = {{1:{n}}};\nPlane Surface(1) = {{1}};\n{groups}\n"
 
 
+@pytest.mark.slow
 def test_check_says_what_it_runs_and_where_the_sheet_is_narrow(tmp_path: Path) -> None:
     ended = wovenfab("check", case(tmp_path, "plate.geo", PLATE), cwd=tmp_path)
     assert ended.returncode == 0, ended.stderr
@@ -61,6 +62,7 @@ def test_check_lists_every_curve(tmp_path: Path) -> None:
     assert all(f"curve {k} (" in told for k in range(1, 40) if k != 20)
 
 
+@pytest.mark.slow
 def test_a_sliver_is_named_before_and_after_the_run_fails(tmp_path: Path) -> None:
     tip = [(0.45 + 5e-7, 0.3), (0.45, 0.5), (0.45 - 5e-7, 0.3)]
     points = [(0.0, 0.0), (0.9, 0.0), (0.9, 0.3), *tip, (0.0, 0.3)]
@@ -103,6 +105,7 @@ def test_a_file_that_makes_no_sheet_is_one_message(
     assert sorted(p.name for p in tmp_path.iterdir()) == sorted(["case.yaml", name])
 
 
+@pytest.mark.slow
 def test_options_that_petsc_never_read_are_told_each(tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(
         CASE + "solver: {petsc: {pc_factor_levels: 2, mat_mumps_icntl_14: 50}}\n"

@@ -46,7 +46,16 @@ def signalled(number: signal.Signals, folder: Path, *options: str) -> tuple[Path
     return results, running.returncode, told
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1, signal.SIGHUP])
+@pytest.mark.parametrize(
+    "number",
+    [
+        signal.SIGTERM,
+        *(
+            pytest.param(number, marks=pytest.mark.slow)
+            for number in (signal.SIGINT, signal.SIGUSR1, signal.SIGHUP)
+        ),
+    ],
+)
 def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
     number: signal.Signals, tmp_path: Path
 ) -> None:
@@ -65,6 +74,7 @@ def test_a_signal_ends_a_run_after_its_step_and_it_can_go_on(
     assert len(rows(results)) > int(last) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_to_a_run_on_two_ranks_lets_both_end_their_step(
     number: signal.Signals, tmp_path: Path
@@ -92,6 +102,7 @@ def test_what_mpirun_does_not_pass_on_any_more_is_printed_to_the_terminal() -> N
         assert ended.stdout.strip() == told
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(CASE)
     ended = wovenfab("run", "small.yaml", "-o", "/proc/results", cwd=tmp_path)

@@ -15,6 +15,7 @@ CASE = Path(__file__).parents[2] / "configs" / "elastic-1x3.yaml"
 SMALL = "{type: ramp, to: 20 mm, steps: 4}"
 
 
+@pytest.mark.slow
 def test_a_run_tells_at_once_what_cannot_be_reached_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

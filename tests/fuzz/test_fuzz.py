@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.fuzz import geometries, measured, results
 from tests.fuzz.__main__ import GOOD, check, fuzz
 from tests.fuzz.geometries import CASE
+
+pytestmark = pytest.mark.slow
 
 
 def test_mutated_cases_are_accepted_or_refused_in_words() -> None:

@@ -21,6 +21,8 @@ from wovenfab.report.style import read_provenance
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.sweep import sweep
 
+pytestmark = pytest.mark.slow
+
 PAPER = Path(__file__).parents[2] / "configs" / "paper"
 #: Two cycles of 10 steps with some 500 to 1500 unknowns: what is put in place of what.
 COARSE = {

@@ -10,6 +10,7 @@ from wovenfab.parallel import child_environment
 from wovenfab.record.results import draw_in_subprocess
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_in_another_process(small: Path) -> None:
     pictures = draw_in_subprocess(small)
     assert pictures.warning is None
@@ -25,6 +26,7 @@ def test_what_fails_becomes_a_warning_that_names_reason_and_remedy(small: Path) 
     assert f"wovenfab report {small}" in pictures.warning
 
 
+@pytest.mark.slow
 def test_what_could_be_drawn_is_kept(small: Path) -> None:
     (small / "fields.h5").write_bytes(b"no HDF5")
     pictures = draw_in_subprocess(small)

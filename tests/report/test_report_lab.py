@@ -28,6 +28,7 @@ def on_the_lines(directory: Path, form: str) -> str:
     return "".join(form.format(*pair) for pair in pairs)
 
 
+@pytest.mark.slow
 def test_points_on_the_drawn_line_have_no_distance_in_any_wording(
     small: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

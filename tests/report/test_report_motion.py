@@ -149,6 +149,7 @@ def test_the_script_for_paraview_knows_where_the_results_are(tmp_path: Path) -> 
     assert told == [str(directory)]
 
 
+@pytest.mark.slow
 def test_a_report_has_all_of_it(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert report_results([small], None, animation=True) == 0
     said = [Path(line).name for line in capsys.readouterr().out.splitlines()]

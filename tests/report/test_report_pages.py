@@ -112,6 +112,7 @@ def test_its_curves_are_well_formed_and_tell_their_axes(page: str) -> None:
         assert label in said
 
 
+@pytest.mark.slow
 def test_equal_results_give_equal_pages(two_cycles: Path, page: str) -> None:
     assert write_run_page(two_cycles).read_text() == page
 
@@ -132,6 +133,7 @@ def test_the_table_has_the_numbers_of_the_file(two_cycles: Path) -> None:
         )
 
 
+@pytest.mark.slow
 def test_a_run_that_stopped_early_has_its_page(tmp_path: Path) -> None:
     results = make(tmp_path / "stopped", [0.03], placements=1, every=20, stop=50)
     cycles_of(results)
@@ -168,6 +170,7 @@ def test_fields_that_cannot_be_read_are_told(small: Path) -> None:
     assert "no fields that can be read" in write_run_page(small).read_text()
 
 
+@pytest.mark.slow
 def test_a_loss_of_stability_is_told_and_shown(small: Path) -> None:
     summary = read_summary(small)
     loss = {"displacement_m": -0.0005, "force_N": -1234.0}

@@ -21,6 +21,7 @@ from wovenfab.record.results import CHECKPOINT, ResultsExistError, open_results
 from wovenfab.simulation.progress import Interruption
 
 
+@pytest.mark.slow
 def test_what_was_written_after_the_checkpoint_is_made_again(tmp_path: Path) -> None:
     """As after a kill: history and fields are ahead of the last checkpoint."""
     case = small("bias-1x3", "output.checkpoint=7", "output.every=1")
@@ -33,6 +34,7 @@ def test_what_was_written_after_the_checkpoint_is_made_again(tmp_path: Path) -> 
     assert_same(run(case, tmp_path / "killed", resume=True), whole, 0.0)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_that_is_not_whole_is_passed_over(tmp_path: Path) -> None:
     case = small("bias-1x3", "output.checkpoint=7")
     whole = run(case, tmp_path / "whole")
@@ -96,6 +98,7 @@ def limited(room: int, *arguments: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=child_environment(), capture_output=True, text=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("room", "code"), [(1500, 2), (50_000, 4)])
 def test_a_run_whose_disk_is_full_goes_on_once_there_is_room(
     tmp_path: Path, room: int, code: int
@@ -127,6 +130,7 @@ def test_a_run_whose_disk_is_full_before_its_first_checkpoint_says_that_there_is
     assert np.isfinite(read.history["force"]).all()
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_set_back_changes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

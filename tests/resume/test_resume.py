@@ -90,7 +90,13 @@ def assert_same(one: Execution, other: Execution, tolerance: float) -> None:
         assert np.abs(one.columns[name] - values).max() <= tolerance * scale, name
 
 
-@pytest.mark.parametrize("name", CASES)
+#: Those that `make test` runs; `make test-all` runs all of them.
+QUICK = ("midpoint", "internal variables", "stress at points", "probes")
+
+
+@pytest.mark.parametrize(
+    "name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in CASES]
+)
 def test_the_rows_are_those_of_a_run_that_never_stopped(name: str, tmp_path: Path) -> None:
     case = small(*CASES[name])
     whole = run(case, tmp_path / "whole")
@@ -165,6 +171,7 @@ def test_a_finished_run_goes_on_with_a_longer_program(tmp_path: Path) -> None:
     assert_same(run(longer, tmp_path / "parts", resume=True), whole, 0.0)
 
 
+@pytest.mark.slow
 def test_a_finished_run_goes_on_with_a_longer_second_program(tmp_path: Path) -> None:
     name, *overrides = CASES["two programs"]
     case = small(name, *overrides)
@@ -201,6 +208,7 @@ def test_another_case_is_refused_in_words(override: str, differs: str, tmp_path:
     assert before == {p: p.read_bytes() for p in before}
 
 
+@pytest.mark.slow
 def test_steps_solver_and_output_may_differ(tmp_path: Path) -> None:
     case = small("bias-1x3")
     run(case, tmp_path / "run", until=0.041)
@@ -224,6 +232,7 @@ def test_nothing_to_go_on_from_is_told(tmp_path: Path) -> None:
         run(case, tmp_path / "old", resume=True)
 
 
+@pytest.mark.slow
 def test_a_run_for_an_accuracy_goes_on_with_what_was_chosen_for_it(tmp_path: Path) -> None:
     """The trials are not made again, and the errors are those of the choice."""
     ramp = "{type: ramp, to: 20 mm, steps: 4, duration: 1 s}"
@@ -350,6 +359,7 @@ def plate(folder: Path, *overrides: str) -> Case:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("mesh", "length"), [("fibres", 0.4), ("unstructured", 0.300001)])
 def test_another_mesh_by_an_included_file_is_refused(
     mesh: str, length: float, tmp_path: Path
@@ -395,6 +405,7 @@ def test_a_mesh_is_known_again_on_other_ranks(tmp_path: Path) -> None:
         run(plate(place), place / "run", COMM, resume=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after"),
     [("bdf2", "backward-euler"), ("backward-euler", "bdf2"), ("midpoint", "bdf2")],

@@ -15,6 +15,8 @@ import pytest
 
 from wovenfab.parallel import child_environment
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
 CASE = """\

@@ -18,6 +18,8 @@ from wovenfab.cli import console
 from wovenfab.cli.app import app
 from wovenfab.parallel import child_environment
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 _LOADED = re.compile(
     r"<(?:script|img|iframe|source)\b[^>]*?\bsrc=\"([^\"]+)\"|<link\b[^>]*?\bhref=\"([^\"]+)\""

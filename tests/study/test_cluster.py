@@ -29,6 +29,8 @@ from wovenfab.study.fit.objective import Objective
 from wovenfab.study.sweep import TABLE, Sweep, SweepRun, members_of, sweep
 from wovenfab.study.variations import grid, read_over
 
+pytestmark = pytest.mark.slow
+
 #: A checkpoint often, so that one is there at the kill.
 LONG = CASE.replace("pictures: false", "pictures: false, checkpoint: 4")
 STEPS = "program.steps=100,101,102"

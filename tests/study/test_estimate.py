@@ -130,6 +130,7 @@ def test_stated_errors_of_elements_and_steps_add_up_on_the_safe_side() -> None:
     assert estimate.worst == worst(estimate.relative)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "to", "degree", "mesh_size", "limit"),
     [
@@ -330,6 +331,7 @@ def test_a_cycle_with_friction_is_as_accurate_as_asked_and_estimated(
         assert error < estimate < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", ["kept", "renewed"])
 def test_steps_that_start_from_a_lower_degree_take_fewer_tangents(factor: str) -> None:
     """Where all are renewed, each iteration takes one."""
@@ -387,6 +389,7 @@ def test_errors_are_not_understated_where_coarse_cells_do_not_resolve_layers(
             assert stated_error(error, 0.0) >= abs(values[degree - 2] - limit), (count, degree)
 
 
+@pytest.mark.slow
 def test_a_search_that_gives_up_has_the_highest_degree_and_does_not_understate_its_error() -> None:
     limits = Limits(unknowns=5000, work=inf)  # degree 4 on the first mesh
     found = plan(Case(**SHEARED), ALONE, lambda line: None, limits)

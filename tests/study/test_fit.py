@@ -87,6 +87,7 @@ def found(fit: Fit, folder: Path) -> tuple[dict[str, float], Identifiability, fl
     return dict(result.values), known, work
 
 
+@pytest.mark.slow
 def test_parameters_of_a_curve_without_noise_are_found_to_a_thousandth(tmp_path: Path) -> None:
     fit = read_fit(place(tmp_path, curve=curve_of(tmp_path)))
     values, _, work = found(fit, tmp_path)
@@ -96,6 +97,7 @@ def test_parameters_of_a_curve_without_noise_are_found_to_a_thousandth(tmp_path:
     assert again.evaluate(values).residuals.size == 9  # from the store: nothing is computed
 
 
+@pytest.mark.slow
 def test_a_spring_in_series_and_slack_of_the_machine_are_found(tmp_path: Path) -> None:
     text = (
         "refine: false\n"
@@ -112,6 +114,7 @@ def test_a_spring_in_series_and_slack_of_the_machine_are_found(tmp_path: Path) -
     assert values["machine.displacement"] == pytest.approx(0.4e-3, rel=2e-2)
 
 
+@pytest.mark.slow
 def test_without_a_start_the_size_of_the_forces_gives_one(tmp_path: Path) -> None:
     text = FIT.replace("{start: 60 N/m}", "").replace("{start: 2e5 N/m}", "")
     far = {name: 8 * value for name, value in TRUTH.items()}
@@ -140,6 +143,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     assert ((hits / REPEATS >= 0.90) & (hits / REPEATS <= 0.99)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_a_noisy_curve_gives_intervals_that_hold_the_truth(seed: int, tmp_path: Path) -> None:
     fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.003, seed=seed)))
@@ -178,6 +182,7 @@ def test_derivatives_of_compared_forces_agree_with_differences(tmp_path: Path) -
             assert np.abs(e.jacobian[:, k] - difference).max() < 2e-4 * size
 
 
+@pytest.mark.slow
 def test_a_run_that_fails_is_a_rejected_trial(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -303,6 +308,7 @@ def test_a_coefficient_of_a_formula_is_found(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Path) -> None:
     text = FIT + "profiles: [shear.stiffness]\n"
     path = place(tmp_path, text, curve=curve_of(tmp_path, noise=0.002))
@@ -321,6 +327,7 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
     assert refused.returncode == 2 and "there is no such file" in refused.stderr
 
 
+@pytest.mark.slow
 def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) -> None:
     near = FIT.replace("60 N/m", "80 N/m").replace("2e5 N/m", "1.5e5 N/m")
     place(tmp_path, near, curve=curve_of(tmp_path, noise=0.002))
@@ -337,6 +344,7 @@ def test_a_parameter_that_buys_nothing_loses_by_the_criterion(tmp_path: Path) ->
     assert bic["fit"] < bic["more"] < bic["fit"] + 6 < bic["less"]
 
 
+@pytest.mark.slow
 def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) -> None:
     place(tmp_path, curve=curve_of(tmp_path))
     doubled = {**TRUTH, "bending.stiffness": 2.0}
@@ -358,6 +366,7 @@ def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) 
     assert "same: no distance: other.csv has 2 branches of loading" in other.stdout
 
 
+@pytest.mark.slow
 def test_the_profile_of_a_nearly_linear_fit_is_its_interval(tmp_path: Path) -> None:
     fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.002)))
     with Objective(fit, tmp_path / "runs") as objective:

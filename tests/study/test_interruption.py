@@ -49,6 +49,7 @@ def test_a_fit_ends_by_a_signal_whose_exception_is_lost(tmp_path: Path) -> None:
     assert not objective.trials
 
 
+@pytest.mark.slow
 def test_an_interrupted_fit_goes_on_with_the_runs_that_it_has(tmp_path: Path) -> None:
     place(tmp_path, curve=curve_of(tmp_path))
     command = [sys.executable, "-m", "wovenfab", "fit", str(tmp_path / "fit.yaml")]

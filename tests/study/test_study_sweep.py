@@ -121,6 +121,7 @@ def processes(folder: Path) -> list[str]:
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_sweep_ends_its_processes_and_takes_none_for_finished(
     number: signal.Signals, tmp_path: Path

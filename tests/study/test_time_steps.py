@@ -49,6 +49,7 @@ def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_sch
     assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [True, False])
 def test_steps_learn_how_the_response_with_other_elements_differs(
     known: bool, monkeypatch: pytest.MonkeyPatch
@@ -94,6 +95,7 @@ WEAR = CONFIGS.parent / "docs" / "examples" / "wear.yaml"
 SHARP = ("effects.slip_friction.slope=1e7 s/m",)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["smooth", "sharp", "set-valued", "with a memory"])
 def test_a_model_that_was_run_gives_the_same_response_as_a_new_one(kind: str) -> None:
     """Sharp friction has its stress at points in some steps, for which others' forms are solved."""
