@@ -141,8 +141,8 @@ def test_two_placements_with_slip_friction_have_the_same_loop(place: Place, sche
     ("kind", "strength", "slope"),
     [
         ("slip_friction:coulomb", 2e4, 1.0),
-        ("spin_friction:coulomb", 100.0, 1.0),
-        ("slip_friction:smooth", 1e4, 1e6),
+        pytest.param("spin_friction:coulomb", 100.0, 1.0, marks=pytest.mark.slow),
+        pytest.param("slip_friction:smooth", 1e4, 1e6, marks=pytest.mark.slow),
     ],
 )
 def test_friction_at_points_has_the_same_loop(kind: str, strength: float, slope: float) -> None:
