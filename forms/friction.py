@@ -15,7 +15,7 @@ from typing import Any
 import ufl
 
 from wovenfab.forms.balance import Balance, first_variation, second_variation
-from wovenfab.forms.effect import Bound, Term, Values
+from wovenfab.forms.effect import DualFrictionLaw, Term, Values
 from wovenfab.forms.kinematics import Point, point_of, point_variation
 
 
@@ -40,9 +40,9 @@ def smoothed_coulomb(rate: Any, strength: Any, slope: Any) -> Any:
     return strength / slope * log_cosh(slope * rate)
 
 
-def smooth_bound(strength: Callable[[Values], Any]) -> Bound:
+def smooth_bound(strength: Callable[[Values], Any]) -> DualFrictionLaw:
     """Return the smooth law from the stress, with a strength zeta and a slope eta of the values."""
-    return Bound(strength, partial(_creep, strength))
+    return DualFrictionLaw(strength, partial(_creep, strength))
 
 
 def _creep(strength: Callable[[Values], Any], stress: Any, values: Values) -> Any:
@@ -56,7 +56,7 @@ def _strength(values: Values) -> Any:
 
 
 #: The smooth law from the stress, and Coulomb's: no rate below the strength, any at it.
-SMOOTH, COULOMB = smooth_bound(_strength), Bound(_strength)
+SMOOTH, COULOMB = smooth_bound(_strength), DualFrictionLaw(_strength)
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ class EquilibriumSolver:
         self.model.field.x.array[:] = self._accepted
         self.restore()
 
-    def solve(self, briefly: bool = False) -> SolveResult:
+    def solve(self, allow_fallback: bool = True) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
 
         The model's ``last`` field must hold the last equilibrium. On success the
@@ -114,7 +114,8 @@ class EquilibriumSolver:
         Collective.
 
         Args:
-            briefly: Give up where the smooth law fails, for there is another start to try.
+            allow_fallback: Where the smooth law fails, solve again with the stress at points; not
+                needed if there is another start to try.
         """
         problem, most = self.problem, self._options.max_iterations
         if self._is_sharp or not self._can_use_points:
@@ -122,7 +123,7 @@ class EquilibriumSolver:
         field, last = problem.model.field.x.array, problem.model.last.x.array
         start, before = field.copy(), last.copy()
         result = self._solve(min(most, SMOOTH_ITERATIONS))
-        if result.converged or briefly:
+        if result.converged or not allow_fallback:
             return result
         field[:], last[:] = start, before
         self._use_points()

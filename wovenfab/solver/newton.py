@@ -289,9 +289,10 @@ class NewtonSolver:
             y: Newton's step, to be subtracted; that by the positive part may overwrite it.
             longest: First length to try.
         """
-        search, noise, force = self.line_search, self._convergence.noise, self.snes.getFunction()[0]
+        search, force = self.line_search, self.snes.getFunction()[0]
+        roundoff = self._convergence.energy_roundoff
         before, saddle = (search.potential, search.failures), self.spectrum.saddle
-        length = search.along(self.step, force.dot(y), longest, noise, loose=not saddle)
+        length = search.along(self.step, force.dot(y), longest, roundoff, loose=not saddle)
         if length == longest or not saddle:
             return length
         weight = self.problem.model.geometric_weight
@@ -302,7 +303,7 @@ class NewtonSolver:
             return length
         search.potential, search.failures = before
         longest = min(self.admissible_length(y), 1.0)
-        length = search.along(self.step, force.dot(y), longest, noise)
+        length = search.along(self.step, force.dot(y), longest, roundoff)
         search.decrement = np.inf  # only the tangent itself converges quadratically
         return length
 

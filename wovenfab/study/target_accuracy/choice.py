@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from wovenfab.case import Case, Cycles
 from wovenfab.case.fingerprint import code, contents_of, digest
 from wovenfab.case.objects import sheet_of
-from wovenfab.parallel import by_first, on_root
+from wovenfab.parallel import compute_on_root, on_root
 from wovenfab.record.results import CHOICES
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
@@ -84,7 +84,7 @@ def choose(
         return sheets[cells]
 
     path = Path(text) if (text := os.environ.get(CHOICES)) else None
-    start = by_first(together, lambda: known_start(case, path) if path else Start())
+    start = compute_on_root(together, lambda: known_start(case, path) if path else Start())
     chosen = plan(case, together, progress, start=start, mesher=mesher)
     unknown = chosen.estimate is not None and not _is_known(chosen.estimate)
     if unknown and not chosen.shortfall:
