@@ -30,7 +30,7 @@ from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
 from wovenfab.case.errors import one_of, refusal, wrong
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
-from wovenfab.forms.friction import PointFriction, components_of
+from wovenfab.forms.friction import components_of
 from wovenfab.forms.kinematics import point_of
 from wovenfab.lacking import LackingError
 from wovenfab.plain_text import in_brief
@@ -258,12 +258,14 @@ def try_forms(effect: Effect) -> None:
 
 def _try_bound(term: Term, balance: Balance, trial: Any, test: Any) -> None:
     """Form what a friction with carried stress consists of."""
-    import basix.ufl
+    import basix.ufl  # not for those without effects of their own
+
+    from wovenfab.model.friction_stress import FrictionStress  # loads dolfinx
 
     size, degree = components_of(term, balance), DEGREE
     element = basix.ufl.quadrature_element("triangle", value_shape=(size,), degree=degree)
     space = ufl.FunctionSpace(balance.field.ufl_function_space().ufl_domain(), element)
-    carried = PointFriction(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
+    carried = FrictionStress(term, balance, ufl.Coefficient(space), ufl.Coefficient(space), degree)
     _require_scalar("the strength of a bound", carried.strength())
     carried.jacobian(trial, test)
     carried.residual(test)
