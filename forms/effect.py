@@ -101,7 +101,7 @@ class Strain:
 
 
 @dataclass(frozen=True)
-class Bound:
+class DualFrictionLaw:
     """A friction stress that has a bound: the law seen from the stress.
 
     Below the bound the rate is ``creep(stress)``; at the bound it may be anything
@@ -178,7 +178,7 @@ class Effect:
     strains: Callable[[Point, Values], tuple[Strain, ...]] | None = None
     dissipation: Callable[[Any, Values], Any] | None = None
     measure: Callable[[Point], Any] | None = None
-    bound: Bound | None = None
+    bound: DualFrictionLaw | None = None
     law: str = ""
     laws: tuple[Effect, ...] = ()
     facet_strains: Callable[[Facet, Values], tuple[Strain, ...]] | None = None

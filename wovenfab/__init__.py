@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from wovenfab.forms.bending import EFFECT as bending
     from wovenfab.forms.coupling import EFFECT as coupling
     from wovenfab.forms.effect import (
-        Bound,
+        DualFrictionLaw,
         Effect,
         InternalVariable,
         Needs,
@@ -86,7 +86,7 @@ _PUBLIC = {
     "case.objects": ("sheet_of", "simulation_of"),
     "forms": ("effects",),
     "forms.effect": (
-        *("Bound", "Effect", "InternalVariable", "Needs", "Parameter", "Strain"),
+        *("DualFrictionLaw", "Effect", "InternalVariable", "Needs", "Parameter", "Strain"),
         *("Target", "Term"),
     ),
     "interface": (

@@ -78,7 +78,9 @@ def from_root[T](comm: MPI.Comm, make: Callable[[], T], elsewhere: T) -> T:
     return made[0] if made else elsewhere
 
 
-def by_first[T](comm: MPI.Comm, make: Callable[[], T], meanwhile: Iterable[object] = ()) -> T:
+def compute_on_root[T](
+    comm: MPI.Comm, make: Callable[[], T], meanwhile: Iterable[object] = ()
+) -> T:
     """Return what rank 0 makes alone, on every rank; collective.
 
     The other ranks go through ``meanwhile`` until it is made. What any rank raises is raised on
@@ -99,7 +101,7 @@ def by_first[T](comm: MPI.Comm, make: Callable[[], T], meanwhile: Iterable[objec
             any(is_made and is_made.Test() for _ in meanwhile)
 
     try:
-        each_its_own(comm, work)
+        run_concurrently(comm, work)
     finally:
         if is_made:
             is_made.Wait()
@@ -107,7 +109,7 @@ def by_first[T](comm: MPI.Comm, make: Callable[[], T], meanwhile: Iterable[objec
     return found
 
 
-def each_its_own(comm: MPI.Comm, work: Callable[[], object]) -> None:
+def run_concurrently(comm: MPI.Comm, work: Callable[[], object]) -> None:
     """Let each rank do its own work, and wait asleep for the others; collective.
 
     MPI's own waiting would keep a processor busy that the compiler of another rank could use.

@@ -61,9 +61,9 @@ class Counted(EquilibriumSolver):
     solves = 0
     iterations = 0
 
-    def solve(self, briefly: bool = False) -> SolveResult:
+    def solve(self, allow_fallback: bool = True) -> SolveResult:
         """Solve and count."""
-        result = super().solve(briefly)
+        result = super().solve(allow_fallback)
         self.solves += 1
         self.iterations += result.iterations
         return result
@@ -145,17 +145,17 @@ class TrustRegion(Counted):
 
     newton_solver = _TrustRegionNewton
 
-    def solve(self, briefly: bool = False) -> SolveResult:
+    def solve(self, allow_fallback: bool = True) -> SolveResult:
         """Move the grips by Newton's method and go on with a trust region."""
         snes = self.newton.snes
         snes.setType("newtonls")
         snes.setTolerances(max_it=self.newton.options.max_iterations)
-        first = super().solve(briefly)
+        first = super().solve(allow_fallback)
         if not first.converged:
             return first
         snes.setType("newtontr")
         snes.setTolerances(max_it=MANY)
-        second = super().solve(briefly)
+        second = super().solve(allow_fallback)
         self.solves -= 1
         return replace(second, iterations=first.iterations + second.iterations)
 

@@ -24,7 +24,7 @@ def test_the_tangent_is_the_derivative_of_the_force_of_a_law_of_the_increment(ki
     model = scenes.model(
         scenes.sheet(0.2, 0.1, 0.1), (*scenes.COUPLED, f"{kind}:coulomb"), Numerics(2), values
     )
-    (one,) = model.point_frictions
+    (one,) = model.friction_stresses
     model.history[0].x.array[:] = random_field(model, 1, 1e-3)
     start, way = random_field(model, 2, 1e-3), random_field(model, 3, 1.0)
     random = np.random.default_rng(4)

@@ -22,7 +22,7 @@ from wovenfab.case import read_case
 from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.compat import NOT_FINITE
 from wovenfab.model.model import Model, Numerics
-from wovenfab.parallel import by_first
+from wovenfab.parallel import compute_on_root
 from wovenfab.sheet.geometry_file import GeometryFile, from_file
 from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.sheet.sheet import GeometryError, Sheet, directions
@@ -251,31 +251,31 @@ def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(
 
 def test_what_the_first_rank_makes_and_what_any_rank_raises_is_the_same_on_all() -> None:
     done: list[int] = []
-    made = by_first(COMM, lambda: (COMM.rank, done.append(0)), map(done.append, [COMM.rank]))
+    made = compute_on_root(COMM, lambda: (COMM.rank, done.append(0)), map(done.append, [COMM.rank]))
     assert made == (0, None)
     assert done == [COMM.rank]
-    assert by_first(COMM, lambda: COMM.rank) == 0
+    assert compute_on_root(COMM, lambda: COMM.rank) == 0
 
     def fail(_: int = 0) -> None:
         raise ValueError(f"by rank {COMM.rank}")
 
     with pytest.raises(ValueError, match="by rank 0"):
-        by_first(COMM, fail, map(fail, [0]))
+        compute_on_root(COMM, fail, map(fail, [0]))
     with pytest.raises(ValueError, match="by rank 1"):
-        by_first(COMM, lambda: None, map(fail, [0]))
+        compute_on_root(COMM, lambda: None, map(fail, [0]))
 
 
 def test_what_others_do_meanwhile_ends_once_the_first_rank_is_done() -> None:
     done: list[int] = []
     endless = (done.append(i) or sleep(0.05) for i in count())  # type: ignore[func-returns-value]
-    by_first(COMM, lambda: sleep(0.5), endless)
+    compute_on_root(COMM, lambda: sleep(0.5), endless)
     assert 1 <= len(done) <= 12 or not COMM.rank
 
     def fail() -> None:
         raise ValueError("by the first")
 
     with pytest.raises(ValueError, match="by the first"):
-        by_first(COMM, fail, endless)
+        compute_on_root(COMM, fail, endless)
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:

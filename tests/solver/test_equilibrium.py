@@ -16,8 +16,8 @@ from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import Model, Numerics
 from wovenfab.solver.globalisation import SHORTEST, LineSearch
+from wovenfab.solver.interior_point import InteriorPoint
 from wovenfab.solver.newton import STUCK
-from wovenfab.solver.point_friction import PointStress
 from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
@@ -211,7 +211,7 @@ def test_a_solve_with_stress_at_points_whose_steps_become_tiny_ends(
 ) -> None:
     tiny = SHORTEST / 10
     model = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction:coulomb"), CUBIC)
-    monkeypatch.setattr(PointStress, "correct", lambda *_: tiny)
+    monkeypatch.setattr(InteriorPoint, "correct", lambda _, step, __: (step, tiny))
     result, _ = one_step(model, LARGE)
     assert result.reason == "DIVERGED_LINE_SEARCH"
     assert result.iterations == STUCK

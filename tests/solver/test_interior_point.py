@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from wovenfab.solver.interior_point import InteriorPoint
+from wovenfab.solver.interior_point import CentralPathTarget, Direction, InteriorPoint
 
 Array = NDArray[np.float64]
 Creep = Callable[[Array], tuple[Array, Array]]
@@ -22,33 +24,40 @@ def no_creep(stress: Array) -> tuple[Array, Array]:
     return np.zeros_like(stress), np.zeros_like(stress)
 
 
+def points(bound: Array) -> InteriorPoint:
+    """Return the method for points of unit area without a mesh."""
+    fields = {"put": lambda *_: None, "stress": None, "tangent": None, "varies": False}
+    friction = SimpleNamespace(areas=np.ones_like(bound), strengths=lambda: bound, **fields)
+    return InteriorPoint([friction], MPI.COMM_SELF, SimpleNamespace(value=1.0))
+
+
 def solve(
     stiffness: Array, force: Array, bound: Array, creep: Creep = no_creep
 ) -> tuple[Array, Array, int]:
     """Minimise b·K b/2 - f·b + sum zeta |b|; return b, the stress and the iterations."""
-    interior = InteriorPoint(bound, np.ones_like(bound))
+    interior = points(bound)
     size = np.abs(force).max() / np.diag(stiffness).max()
     b = np.zeros_like(bound)
-    interior.place(force, b)
-    interior.split(b, np.full_like(bound, 0.1 * size), level=False)
+    interior.start_stress(force, b)
+    interior.start_split(b, np.full_like(bound, 0.1 * size), near=False)
     for iteration in range(1, 40):
         value, slope = creep(interior.stress)
         tangent = interior.tangent(slope, np.full_like(bound, 1e3 * np.diag(stiffness).max()))
 
-        def step(aim: object, tangent: Array = tangent) -> tuple[Array, object]:
+        def step(target: CentralPathTarget, tangent: Array = tangent) -> tuple[Array, Direction]:
             """Newton's step of the balance with the linearised law."""
-            excess = tangent * (b - aim.increment)  # noqa: B023 - used at once
+            excess = tangent * (b - target.increment)  # noqa: B023 - used at once
             out = force - stiffness @ b - interior.stress - excess  # noqa: B023
             db = np.linalg.solve(stiffness + np.diag(tangent), out)
-            return db, interior.move(excess + tangent * db, aim)
+            return db, interior.direction(excess + tangent * db, target)
 
-        _, move = step(interior.aim(value, 0.0))
-        length = min(1.0, interior.longest(move))
+        _, predictor = step(interior.target(value, 0.0))
+        length = min(1.0, interior.longest(predictor))
         now = interior.gap()
-        level = (interior.gap(move, length) / now) ** 3 * now / (2 * len(b))
-        db, move = step(interior.aim(value, level, move))
-        length = min(1.0, 0.995 * interior.longest(move))
-        interior.advance(move, length)
+        mu = (interior.gap(predictor, length) / now) ** 3 * now / (2 * len(b))
+        db, direction = step(interior.target(value, mu, predictor))
+        length = min(1.0, 0.995 * interior.longest(direction))
+        interior.take_step(direction, length)
         b = b + length * db
         missed = np.abs(force - stiffness @ b - interior.stress).max()
         most = 1e-11 * max(interior.loss(), size * bound.sum())
@@ -109,10 +118,10 @@ def test_a_start_near_the_law_has_small_products_where_it_is_met(
     stress: float, increment: float, meets: bool
 ) -> None:
     """Points that slide, stick, are beyond their bound of 2, and slide against their stress."""
-    interior = InteriorPoint(np.array([2.0]), np.ones(1))
+    interior = points(np.array([2.0]))
     b, slip = np.array([increment]), np.array([0.01])
-    interior.place(np.array([stress]), b, slip)
-    interior.split(b, slip, level=True)
+    interior.start_stress(np.array([stress]), b, slip)
+    interior.start_split(b, slip, near=True)
     assert abs(interior.stress[0]) < 2
     assert interior.stress[0] == pytest.approx(np.clip(stress, -2, 2), abs=0.03)
     assert interior.loss() >= 2 * abs(increment)

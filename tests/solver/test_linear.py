@@ -46,12 +46,12 @@ def test_a_factorisation_whose_workspace_is_too_small_is_made_with_more() -> Non
             matrix.setValue(i, i + size, -1.0)
     matrix.assemble()
     linear = LinearSolver(create_direct(matrix.comm), matrix)
-    linear.space = -90
+    linear.workspace_percent = -90
     solution, b = matrix.createVecs()
     solution.set(1.0)
     matrix.mult(solution, b)
     assert linear.solve(b, solution) > 0
-    assert linear.space == LEAST_SPACE
+    assert linear.workspace_percent == LEAST_SPACE
     assert linear.factor.getMumpsIcntl(SPACE) == LEAST_SPACE
     np.testing.assert_allclose(solution.array, 1.0, rtol=1e-12)
     for thing in (linear, matrix, solution, b):

@@ -15,7 +15,7 @@ from wovenfab.study.response import response_of, with_elements
 
 
 @pytest.fixture
-def blurred() -> Convergence:
+def rounded() -> Convergence:
     """Return a judge for whom rounding makes 0.3 N of 1 N and 1 J."""
     judge = Convergence(1e-9, 0.0)
     judge.accept(1.0, 1.0)
@@ -23,12 +23,12 @@ def blurred() -> Convergence:
     return judge
 
 
-def test_a_residual_of_a_third_of_the_force_shows_no_balance(blurred: Convergence) -> None:
+def test_a_residual_of_a_third_of_the_force_shows_no_balance(rounded: Convergence) -> None:
     residual = {"residual": 0.29, "force": 1.0, "energy": 1.0}
     for decrement in (np.inf, 1e-4):
-        assert blurred.reason(**residual, decrement=decrement) is None
-    assert blurred.reason(**residual, decrement=1e-10) is not None
-    assert blurred.reason(**{**residual, "residual": 0.31}, decrement=1e-10) is None
+        assert rounded.reason(**residual, decrement=decrement) is None
+    assert rounded.reason(**residual, decrement=1e-10) is not None
+    assert rounded.reason(**{**residual, "residual": 0.31}, decrement=1e-10) is None
 
 
 def test_rounding_far_below_the_force_ends_a_solve_without_another_step() -> None:

@@ -63,7 +63,7 @@ def curves(
 
 
 def term_of(of: Model, target: Target) -> Term:
-    terms = (*of.balance.terms, *(f.term for f in of.point_frictions))
+    terms = (*of.balance.terms, *(f.term for f in of.friction_stresses))
     return next(t for t in terms if t.effect.name == target.effect)
 
 

@@ -63,9 +63,9 @@ def test_cut_backs_hardly_change_the_loss(monkeypatch: pytest.MonkeyPatch) -> No
     smooth = scenes.march(model, program, "bdf2")
     refuse, whole = count(), EquilibriumSolver.solve
 
-    def solve(self: EquilibriumSolver, briefly: bool = False) -> object:
+    def solve(self: EquilibriumSolver, allow_fallback: bool = True) -> object:
         """Pretend that every seventh solve did not converge."""
-        result = whole(self, briefly)
+        result = whole(self, allow_fallback)
         failed = next(refuse) % 7 == 3
         return SolveResult(False, "REFUSED", 1, 1.0) if failed else result
 
@@ -95,9 +95,9 @@ def test_after_the_smallest_step_the_last_state_is_restored_bit_for_bit() -> Non
 def test_every_rejected_attempt_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     solves, whole = count(), EquilibriumSolver.solve
 
-    def solve(self: EquilibriumSolver, briefly: bool = False) -> object:
+    def solve(self: EquilibriumSolver, allow_fallback: bool = True) -> object:
         next(solves)
-        return whole(self, briefly)
+        return whole(self, allow_fallback)
 
     monkeypatch.setattr(EquilibriumSolver, "solve", solve)
     run = scenes.run(bonded(SHORT), TOO_FAR, SolverOptions(max_iterations=6), 0.3)

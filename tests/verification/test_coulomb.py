@@ -25,7 +25,7 @@ from tests.verification.test_closed_forms import (
 )
 from wovenfab.forms import effects
 from wovenfab.model.model import Model, Numerics
-from wovenfab.solver import point_friction
+from wovenfab.solver import interior_point
 from wovenfab.stepping.program import Program, cycle, program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
 from wovenfab.stepping.time_stepper import TimeStepper
@@ -103,7 +103,7 @@ def test_stress_stays_bounded_and_no_step_gains_energy(kind: str, scheme: str) -
     steps, largest = [], []
     for step in TimeStepper(equilibrium, route(), SCHEMES[scheme], 1 / 64).steps():
         steps.append(step)
-        largest += [np.abs(one.stress.x.array).max() for one in model.point_frictions]
+        largest += [np.abs(one.stress.x.array).max() for one in model.friction_stresses]
     equilibrium.destroy()
     assert max(largest) <= KINDS[kind]
     assert max(largest) > 0.99 * KINDS[kind]  # somewhere it slides
@@ -117,7 +117,7 @@ def test_a_step_that_goes_on_as_the_last_one_takes_less_and_ends_the_same(
 ) -> None:
     program = program_of([ramp(0.0, 0.02, 0.2, 24), ramp(0.02, 0.01, 0.1, 12)])
     near = scenes.march(sheet_with(kind), program)
-    monkeypatch.setattr(point_friction, "MISLED", -1.0)  # none goes on
+    monkeypatch.setattr(interior_point, "MISLED", -1.0)  # none goes on
     far = scenes.march(sheet_with(kind), program)
     size = np.abs(scenes.forces(far)).max()
     assert scenes.forces(near) == pytest.approx(scenes.forces(far), rel=0, abs=1e-6 * size)
@@ -180,13 +180,13 @@ def test_friction_has_no_more_points_than_ways_to_slip(degree: int) -> None:
     many = scenes.sheet(mesh_size=0.05)
     cells = many.mesh.topology.index_map(2).size_local
     model = scenes.model(many, (*scenes.COUPLED, "slip_friction:coulomb"), Numerics(degree))
-    points = model.point_frictions[0].stress.x.array.size / 2
+    points = model.friction_stresses[0].stress.x.array.size / 2
     assert points / cells <= degree**2 / 2
     assert points / cells > 0.4 * degree**2 / 2
 
 
 def test_a_scene_without_it_builds_nothing_of_it() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
-    assert (plain.point_frictions, plain.friction_force, plain.loss) == ((), {}, {})
-    assert len(sheet_with("slip_friction").point_frictions) == 1
+    assert (plain.friction_stresses, plain.friction_force, plain.loss) == ((), {}, {})
+    assert len(sheet_with("slip_friction").friction_stresses) == 1
     assert {e.law for e in effects()["slip_friction"].all_laws} == {"smooth", "coulomb"}

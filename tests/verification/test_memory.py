@@ -27,7 +27,7 @@ from tests.verification.test_closed_forms import (
     whole,
 )
 from wovenfab.forms.effect import (
-    Bound,
+    DualFrictionLaw,
     Effect,
     InternalVariable,
     Needs,
@@ -53,7 +53,7 @@ COULOMB = replace(
     parameters=WEAR.parameters[:3],
     needs=Needs(placements=2, increment=True),
     dissipation=None,
-    bound=Bound(WEAR.bound.strength),  # type: ignore[union-attr]
+    bound=DualFrictionLaw(WEAR.bound.strength),  # type: ignore[union-attr]
 )
 
 
@@ -220,9 +220,9 @@ class Refusing(EquilibriumSolver):
 
     calls = 0
 
-    def solve(self, briefly: bool = False) -> SolveResult:
+    def solve(self, allow_fallback: bool = True) -> SolveResult:
         """Solve, and call it a failure or not."""
-        result = super().solve(briefly)
+        result = super().solve(allow_fallback)
         self.calls += 1
         return replace(result, converged=result.converged and self.calls % 3 != 0)
 

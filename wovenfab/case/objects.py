@@ -36,7 +36,7 @@ from wovenfab.forms.effect import Target, Term
 from wovenfab.model.constraints import Condition, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.model.probes import extent, misplaced
-from wovenfab.parallel import agree, by_first
+from wovenfab.parallel import agree, compute_on_root
 from wovenfab.record.output import Output
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
 from wovenfab.sheet.geometry_file import GeometryFile, from_file, outline_from_file
@@ -156,7 +156,7 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         points = 2 * case.sheet.length * case.sheet.width / size**2
     elif case.sheet.file.suffix.lower() == ".msh":
         path = case.sheet.file
-        points = by_first(comm, lambda: stated_points(path))
+        points = compute_on_root(comm, lambda: stated_points(path))
     else:
         with geometry_problems(case):
             outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)

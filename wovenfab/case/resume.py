@@ -15,7 +15,7 @@ from wovenfab.case.errors import CaseError
 from wovenfab.case.fingerprint import EFFECT, STATE, contents_of
 from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
-from wovenfab.parallel import by_first
+from wovenfab.parallel import compute_on_root
 from wovenfab.record.field_file import PROGRAM, Checkpoint
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.simulation.checkpoint import (
@@ -116,7 +116,7 @@ def _differing(case: Case, model: Model, checkpoint: Checkpoint) -> tuple[list[s
         differing = ["the meshes that its geometry gives"]
     name = str(checkpoint.values["stepper"]["state"]["states"][0][ARRAY])
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
-    cells, values = by_first(model.comm, lambda: checkpoint.arrays[name].shape)
+    cells, values = compute_on_root(model.comm, lambda: checkpoint.arrays[name].shape)
     if not differing and values != size:
         differing = ["the number of placements"]
     if not differing and cells != model.sheet.mesh.topology.index_map(2).size_global:

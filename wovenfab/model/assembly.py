@@ -33,7 +33,7 @@ from ufl.domain import extract_unique_domain
 
 from wovenfab.compat import column_map, is_compared
 from wovenfab.lacking import require_compiler
-from wovenfab.parallel import each_its_own, lock
+from wovenfab.parallel import lock, run_concurrently
 
 logger = logging.getLogger(__name__)
 if is_compared():
@@ -217,7 +217,7 @@ def _precompile(symbols: Sequence[Any], comm: MPI.Comm) -> None:
         for symbol in _shares(symbols, comm.size)[comm.rank]:
             _compiled(partial(ffcx_jit, MPI.COMM_SELF, symbol, **_options()))
 
-    each_its_own(comm, compile_share)
+    run_concurrently(comm, compile_share)
 
 
 #: About how much longer a kernel takes to compile with one and with two arguments than with none,

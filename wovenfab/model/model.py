@@ -19,10 +19,11 @@ from mpi4py import MPI
 
 from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, Term
-from wovenfab.forms.friction import PointFriction, components_of
+from wovenfab.forms.friction import components_of
 from wovenfab.forms.kinematics import displacements
 from wovenfab.model.assembly import SHEET, Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
+from wovenfab.model.friction_stress import FrictionStress
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, crossed_facets, placements_on
 from wovenfab.sheet.sheet import Sheet
@@ -78,11 +79,11 @@ class Model:
         loading: The dead loads.
         balance: The symbolic balance.
         residual, jacobian, potential: Sums of compiled forms; the residual lacks the force
-            of point frictions.
+            of the friction stresses.
         power: Compiled form of the dissipated power; empty without a rate.
         weights: Constant that scales an effect's share in potential, power and loss.
-        point_frictions: Frictions whose stress is a variable at quadrature points.
-        friction_force: Compiled forms of the force of their stresses.
+        friction_stresses: Stresses of frictions that are variables at quadrature points.
+        friction_force: Compiled forms of their force.
         loss: Compiled forms of the energy that is lost in a step and depends on no rate: by
             set-valued laws, and by stored energies whose internal variables change.
         memory: The internal variables; None without any.
@@ -112,7 +113,7 @@ class Model:
     friction_force: Sum
     loss: Sum
     weights: Mapping[str, fem.Constant]
-    point_frictions: tuple[PointFriction, ...]
+    friction_stresses: tuple[FrictionStress, ...]
     memory: Memory | None
     forms: Mapping[str, Mapping[str, Any]]
 
@@ -257,7 +258,7 @@ def build_model(
     )
     memory = Memory(list(variables.values()), balance) if variables else None
     frictions = tuple(
-        point_friction_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
+        friction_stress_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
     if memory:
@@ -283,7 +284,7 @@ def build_model(
             **{name: weight for name, (weight, _) in further.items()},
             LOAD: load_weight,
         },
-        point_frictions=frictions,
+        friction_stresses=frictions,
         memory=memory,
         forms=sums,
         **compile_sums(sums, mesh.comm),
@@ -291,12 +292,12 @@ def build_model(
 
 
 def _sums_of(
-    balance: Balance, placements: Placements, last: Any, frictions: Sequence[PointFriction]
+    balance: Balance, placements: Placements, last: Any, frictions: Sequence[FrictionStress]
 ) -> dict[str, dict[str, Any]]:
     """Return the forms by the names of a model's attributes, and of their parts.
 
     Parts are what is inside the sheet, what is on lines that the yarns of a family cross, and
-    each point friction. The lines of both families have the same kernels where they are made
+    each friction stress. The lines of both families have the same kernels where they are made
     alike.
     """
     trial, test = ufl.TrialFunction(placements.space), ufl.TestFunction(placements.space)
@@ -314,7 +315,7 @@ def _sums_of(
             sums["jacobian"][part] = sum(line.jacobian(trial, test) for line in lines)
             sums["residual"][part] = sum(line.residual(test) for line in lines)
             sums["potential"][part] = sum(line.potential() for line in lines)
-    more = point_friction_forms(frictions, placements.space)
+    more = friction_forms(frictions, placements.space)
     return {name: {**sums.get(name, {}), **more.get(name, {})} for name in {**sums, **more}}
 
 
@@ -346,17 +347,17 @@ def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> di
     }
 
 
-def point_friction_of(term: Term, balance: Balance, mesh: Any, degree: int) -> PointFriction:
+def friction_stress_of(term: Term, balance: Balance, mesh: Any, degree: int) -> FrictionStress:
     """Return a bounded friction with its stress at the points of a quadrature rule."""
     size = components_of(term, balance)
     stress, tangent = (point_function(mesh, size, degree) for _ in range(2))
-    return PointFriction(term, balance, stress, tangent, degree)
+    return FrictionStress(term, balance, stress, tangent, degree)
 
 
-def point_friction_forms(
-    frictions: Sequence[PointFriction], space: fem.FunctionSpace
+def friction_forms(
+    frictions: Sequence[FrictionStress], space: fem.FunctionSpace
 ) -> dict[str, dict[str, Any]]:
-    """Return what point frictions add to a model: forms in UFL by the model's attributes."""
+    """Return what friction stresses add to a model: forms in UFL by the model's attributes."""
     trial, test = ufl.TrialFunction(space), ufl.TestFunction(space)
     named = {f.term.effect.name: f for f in frictions}
     return {
@@ -366,7 +367,7 @@ def point_friction_forms(
     }
 
 
-def with_point_friction(model: Model) -> Model:
+def with_friction_stress(model: Model) -> Model:
     """Return a model of the same fields with the stress of every bounded friction at points.
 
     Its discrete problem is the same: the smooth laws stand at the points where the forms
@@ -375,13 +376,13 @@ def with_point_friction(model: Model) -> Model:
     terms = model.balance.terms
     balance = replace(model.balance, terms=tuple(t for t in terms if t.effect.bound is None))
     more = [
-        point_friction_of(t, balance, model.sheet.mesh, balance.quadrature)
+        friction_stress_of(t, balance, model.sheet.mesh, balance.quadrature)
         for t in terms
         if t.effect.bound is not None
     ]
     trial, test = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
     last = model.last if model.numerics.mixed else None
-    added = point_friction_forms(more, model.space)
+    added = friction_forms(more, model.space)
     changed = {
         "jacobian": {SHEET: balance.jacobian(trial, test, last), **added["jacobian"]},
         "residual": {SHEET: balance.residual(test)},
@@ -389,4 +390,4 @@ def with_point_friction(model: Model) -> Model:
     }
     compiled = compile_sums(changed, model.comm)
     sums: dict[str, Any] = {name: {**getattr(model, name), **compiled[name]} for name in changed}
-    return replace(model, point_frictions=(*model.point_frictions, *more), **sums)
+    return replace(model, friction_stresses=(*model.friction_stresses, *more), **sums)

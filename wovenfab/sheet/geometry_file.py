@@ -11,7 +11,7 @@ from dolfinx.mesh import Mesh, MeshTags
 from mpi4py import MPI
 from numpy.typing import NDArray
 
-from wovenfab.parallel import by_first, from_root
+from wovenfab.parallel import compute_on_root, from_root
 from wovenfab.sheet.file_mesh import FileMesh
 from wovenfab.sheet.gmsh_process import LIMIT, Request, meshed
 from wovenfab.sheet.msh import read_msh
@@ -139,7 +139,7 @@ def outline_from_file(
         sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
         return geometry.outline, mesh_size or float(sides.max())
 
-    return by_first(comm, read)
+    return compute_on_root(comm, read)
 
 
 def read_geometry(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from wovenfab.compat import corners_of
 from wovenfab.model.memory import PointValues
 from wovenfab.model.model import Model
-from wovenfab.parallel import agree, by_first, from_root, on_root
+from wovenfab.parallel import agree, compute_on_root, from_root, on_root
 from wovenfab.plain_text import in_brief
 from wovenfab.record.field_file import PROGRAM, Checkpoint, newest_checkpoint, write_checkpoint
 from wovenfab.record.fields import Blocks
@@ -118,7 +118,7 @@ class SnapshotFormat:
                 raise ValueError(f"{name} has not one row a cell")
             return arrays[name].shape
 
-        shape = by_first(self._comm, shape_of)
+        shape = compute_on_root(self._comm, shape_of)
         is_first = self._comm.rank == 0
         received = np.array(arrays[name], dtype=np.float64) if is_first else np.empty(shape)
         self._comm.Bcast([received, MPI.DOUBLE])
@@ -272,7 +272,7 @@ def has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
             and bool((now[:, 6:] == before[:, 6:]).all())
         )
 
-    return by_first(sheet.mesh.comm, same)
+    return compute_on_root(sheet.mesh.comm, same)
 
 
 def mesh_of_cells(sheet: Sheet) -> Array | None:

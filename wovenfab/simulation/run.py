@@ -15,7 +15,7 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model, preserved
 from wovenfab.model.probes import Probes
-from wovenfab.parallel import by_first, on_root
+from wovenfab.parallel import compute_on_root, on_root
 from wovenfab.record.field_file import FIELDS, MODE, Checkpoint, kept_times
 from wovenfab.record.fields import FieldSeries, write_lines
 from wovenfab.record.history import (
@@ -166,7 +166,7 @@ def run(
             zip(rows.columns, np.array(values).reshape(-1, len(rows.columns)).T, strict=True)
         )
     else:
-        columns = by_first(comm, lambda: read_history(directory))
+        columns = compute_on_root(comm, lambda: read_history(directory))
     travel = _travel(simulation.solver.problem.constraints, columns["displacement_m"])
     all_parts = parts()
     summary = summarise(

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.model.model import Model, with_point_friction
+from wovenfab.model.model import Model, with_friction_stress
 from wovenfab.solver.globalisation import CrossingLimit
+from wovenfab.solver.interior_point import InteriorPoint
 from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.newton import NewtonSolver
-from wovenfab.solver.point_friction import PointStress
 from wovenfab.solver.problem import PetscOptions, Problem, SolveResult, SolverOptions
 from wovenfab.solver.reuse import BackOff
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
@@ -71,9 +71,9 @@ class EquilibriumSolver:
             if self._petsc_options.given:
                 self._try_options()
         # Set-valued friction always has its stress at points, other friction when it must.
-        self._set_valued = self._stress_of(model) if model.point_frictions else None
-        problem.point_stress = self._set_valued
-        self._sharp: tuple[Model, PointStress] | None = None
+        self._set_valued = interior_point_of(model) if model.friction_stresses else None
+        problem.friction = self._set_valued
+        self._sharp: tuple[Model, InteriorPoint] | None = None
         self._can_use_points = any(t.effect.bound for t in model.balance.terms)
         self._smooth_law = BackOff("friction by its smooth law fails")
 
@@ -106,7 +106,7 @@ class EquilibriumSolver:
         self.model.field.x.array[:] = self._accepted
         self.restore()
 
-    def solve(self, briefly: bool = False) -> SolveResult:
+    def solve(self, allow_fallback: bool = True) -> SolveResult:
         """Solve from the model's present field towards the constraints' present values.
 
         The model's ``last`` field must hold the last equilibrium. On success the
@@ -114,7 +114,8 @@ class EquilibriumSolver:
         Collective.
 
         Args:
-            briefly: Give up where the smooth law fails, for there is another start to try.
+            allow_fallback: Where the smooth law fails, solve again with the stress at points; not
+                needed if there is another start to try.
         """
         problem, most = self.problem, self._options.max_iterations
         if self._is_sharp or not self._can_use_points:
@@ -122,7 +123,7 @@ class EquilibriumSolver:
         field, last = problem.model.field.x.array, problem.model.last.x.array
         start, before = field.copy(), last.copy()
         result = self._solve(min(most, SMOOTH_ITERATIONS))
-        if result.converged or briefly:
+        if result.converged or not allow_fallback:
             return result
         field[:], last[:] = start, before
         self._use_points()
@@ -139,8 +140,8 @@ class EquilibriumSolver:
 
     def accept(self) -> None:
         """Take the present stress at points as that of the accepted state."""
-        if self.problem.point_stress:
-            self.problem.point_stress.accept()
+        if self.problem.friction:
+            self.problem.friction.accept()
         if self._is_sharp and not self._smooth_law.waits:
             self._use_smooth_law()
         elif self._is_sharp:
@@ -150,12 +151,12 @@ class EquilibriumSolver:
 
     def restore(self) -> None:
         """Go back to the stress at points of the accepted state."""
-        if self.problem.point_stress:
-            self.problem.point_stress.restore()
+        if self.problem.friction:
+            self.problem.friction.restore()
 
     def snapshot(self) -> dict[str, Any]:
         """Return what later solves depend on."""
-        stress = self.problem.point_stress
+        stress = self.problem.friction
         return {
             "sharp": self._is_sharp,
             "smooth_law": self._smooth_law.snapshot(),
@@ -166,17 +167,16 @@ class EquilibriumSolver:
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
         """Go on from a snapshot; collective."""
-        if kept := snapshot.get("sharp_stress"):  # none in checkpoints of an earlier version
+        if kept := snapshot["sharp_stress"]:
             self._use_points()
-            assert self.problem.point_stress is not None
-            self.problem.point_stress.resume(kept)
+            assert self.problem.friction is not None
+            self.problem.friction.resume(kept)
             self._use_smooth_law()
         if snapshot["sharp"]:
             self._use_points()
-        if "smooth_law" in snapshot:  # else a checkpoint of an earlier version
-            self._smooth_law.resume(snapshot["smooth_law"])
-        if self.problem.point_stress and snapshot["stress"]:
-            self.problem.point_stress.resume(snapshot["stress"])
+        self._smooth_law.resume(snapshot["smooth_law"])
+        if self.problem.friction and snapshot["stress"]:
+            self.problem.friction.resume(snapshot["stress"])
         self.newton.resume(snapshot["newton"])
 
     @property
@@ -213,9 +213,6 @@ class EquilibriumSolver:
         self._petsc_options.clear()
         self.newton.destroy()
         self.linear.destroy()
-        for stress in (self._set_valued, self._sharp[1] if self._sharp else None):
-            if stress:
-                stress.destroy()
         self._matrix.destroy()
         self.problem.destroy()
 
@@ -251,14 +248,16 @@ class EquilibriumSolver:
         smooth law gives the stress by the rate alone.
         """
         if self._sharp is None:
-            model = with_point_friction(self.model)
-            self._sharp = model, self._stress_of(model)
-        self.problem.model, self.problem.point_stress = self._sharp
-        self.problem.point_stress.restore()
+            model = with_friction_stress(self.model)
+            self._sharp = model, interior_point_of(model)
+        self.problem.model, self.problem.friction = self._sharp
+        self.problem.friction.restore()
 
     def _use_smooth_law(self) -> None:
         """Change back to the model's own forms."""
-        self.problem.model, self.problem.point_stress = self.model, self._set_valued
+        self.problem.model, self.problem.friction = self.model, self._set_valued
 
-    def _stress_of(self, model: Model) -> PointStress:
-        return PointStress(model, self.problem.constraints.bcs)
+
+def interior_point_of(model: Model) -> InteriorPoint:
+    """Return the interior-point method for the friction stresses of a model; collective."""
+    return InteriorPoint(model.friction_stresses, model.comm, model.friction)

@@ -197,7 +197,7 @@ class LineSearch:
         direction: Array,
         slope: float,
         length: float,
-        noise: Callable[[float], float],
+        roundoff: Callable[[float], float],
         loose: bool = False,
     ) -> float:
         """Return a length of a step with sufficient decrease; collective.
@@ -210,7 +210,7 @@ class LineSearch:
             direction: The step, of this rank's own unknowns, m.
             slope: Decrease of the potential per unit length at the iterate, J.
             length: First length to try.
-            noise: Returns the rounding error of a potential (J), J.
+            roundoff: Returns the rounding error of a potential (J), J.
             loose: Whether a full step may rise a little from the lowest potential so far.
         """
         field, own = self._problem.model.field, len(direction)
@@ -227,10 +227,10 @@ class LineSearch:
 
         with preserved(field):
             length, self.potential = backtrack(
-                potential, before, slope, length, noise(before), rise
+                potential, before, slope, length, roundoff(before), rise
             )
         self.note(0.0 if self.potential is None else length)
-        risen = self.potential is not None and self.potential > before + noise(before)
+        risen = self.potential is not None and self.potential > before + roundoff(before)
         self.decrement = abs(slope) if length == 1.0 and not risen else np.inf
         return length
 
@@ -240,7 +240,7 @@ def backtrack(
     start: float,
     slope: float,
     length: float,
-    noise: float,
+    roundoff: float,
     rise: float = -np.inf,
 ) -> tuple[float, float | None]:
     """Return a step length with sufficient decrease, and the potential there.
@@ -250,7 +250,7 @@ def backtrack(
         start: That at length zero, J.
         slope: Its decrease per unit length there, J.
         length: First length to try.
-        noise: Increase by rounding alone, J.
+        roundoff: Increase by rounding alone, J.
         rise: Increase that the first length may bring, J.
 
     Returns:
@@ -258,7 +258,8 @@ def backtrack(
     """
     for _ in range(HALVINGS):
         energy = potential(length)
-        if np.isfinite(energy) and energy <= start + max(rise, -DECREASE * length * slope) + noise:
+        most = start + max(rise, -DECREASE * length * slope) + roundoff
+        if np.isfinite(energy) and energy <= most:
             return length, energy
         length, rise = length / 2, -np.inf
     return length, None
@@ -273,7 +274,7 @@ BEHIND = 10.0
 
 
 #: What the judgement of later residuals depends on.
-MEMORY = "_force", "_energy", "_stiffness", "_blur"
+MEMORY = "_force", "_energy", "_stiffness", "_position_roundoff"
 
 
 class Convergence:
@@ -296,7 +297,7 @@ class Convergence:
         # Largest force (N) and energy (J) of an equilibrium so far.
         self._force = self._energy = 0.0
         # Size of the tangent (N/m), and rounding error of positions (m).
-        self._stiffness = self._blur = 0.0
+        self._stiffness = self._position_roundoff = 0.0
 
     def snapshot(self) -> dict[str, Any]:
         """Return the largest force and energy, and what rounding errors follow from."""
@@ -309,7 +310,7 @@ class Convergence:
     def measure(self, stiffness: float, farthest: float) -> None:
         """Note the size of a tangent (N/m) and the largest displacement (m) it was formed at."""
         self._stiffness = stiffness
-        self._blur = EPSILON * max(farthest, self._cell_size)
+        self._position_roundoff = EPSILON * max(farthest, self._cell_size)
 
     def accept(self, force: float, energy: float) -> None:
         """Note an equilibrium's norm of the internal force (N) and its potential (J)."""
@@ -320,13 +321,13 @@ class Convergence:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
         return max(self._energy, abs(energy))
 
-    def noise(self, energy: float) -> float:
+    def energy_roundoff(self, energy: float) -> float:
         """Return the rounding error of a potential (J), J.
 
         An energy k x²/2 is uncertain by k x dx, and no less by the rounding of its sum.
         """
-        blurred = self._blur * np.sqrt(2 * abs(energy) * self._stiffness)
-        return float(max(ROUND_OFF * self.scale_of(energy), blurred))
+        by_positions = self._position_roundoff * np.sqrt(2 * abs(energy) * self._stiffness)
+        return float(max(ROUND_OFF * self.scale_of(energy), by_positions))
 
     def reason(
         self,
@@ -355,7 +356,8 @@ class Convergence:
             left: Share of the residual that the last step left, if its tangent was an older one.
         """
         largest = max(self._force, force)
-        small, rounding = np.sqrt(self._tolerance) * largest, self._blur * self._stiffness
+        small = np.sqrt(self._tolerance) * largest
+        rounding = self._position_roundoff * self._stiffness
         enough = rounding if decrement is None else min(rounding, small)
         if residual <= max(self._tolerance * largest, enough):
             return int(Reason.CONVERGED_FNORM_RELATIVE)
@@ -366,7 +368,7 @@ class Convergence:
             decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
         # Positions that are rounded have an energy, which is all that there is at rest: at most
         # the sum of the tangent's diagonal, which its norm bounds, times their error squared.
-        least = max(least, np.sqrt(self._unknowns) * rounding * self._blur)
+        least = max(least, np.sqrt(self._unknowns) * rounding * self._position_roundoff)
         if decrement <= least and residual <= max(small, rounding):
             return int(Reason.CONVERGED_SNORM_RELATIVE)
         return None

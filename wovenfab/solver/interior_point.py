@@ -1,51 +1,73 @@
-"""The algebra of friction at its bound, point by point: a primal-dual interior-point method.
+"""Friction at its bound: a primal-dual interior-point method within Newton's steps.
 
 A step minimises W + sum w zeta |b| over the points of the quadrature. Each increment is
 split, b = creep(tau) + p - q with p, q >= 0, and the law tau = zeta where p > 0,
-tau = -zeta where q > 0, is approached through p (zeta - tau) = q (zeta + tau) = mu as mu
-falls to zero. Unlike the states of points (sticking or sliding either way), which flip
-from one Newton step to the next where neighbours are tied by stiff yarns, p, q and tau
-move continuously, so that few steps are enough however sharp the law is (Mehrotra, SIAM
-J. Optim. 1992; Bleyer, CMAME 2018, for viscoplastic flow). A creep of zero is Coulomb.
+tau = -zeta where q > 0, is approached along the central path p (zeta - tau) = q (zeta + tau)
+= mu as the barrier parameter mu falls to zero. Unlike the states of points (sticking or
+sliding either way), which flip from one Newton step to the next where neighbours are tied by
+stiff yarns, p, q and tau move continuously, so that few steps are enough however sharp the law
+is (Mehrotra, SIAM J. Optim. 1992; Bleyer, CMAME 2018, for viscoplastic flow). A creep of zero
+is Coulomb.
 
-The quadrature points with such a stress are plain arrays here.
+Each step solves twice with one factor of the tangent (Mehrotra): the predictor's target is the
+law itself, the corrector adds the centring and the second-order terms that the predictor gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
 
-import basix
 import numpy as np
-import ufl
-from dolfinx import fem
+from mpi4py import MPI
 from numpy.typing import NDArray
-from ufl.algorithms import expand_derivatives
-from ufl.constantvalue import Zero
 
-from wovenfab.forms.friction import PointFriction
-from wovenfab.model.assembly import compile_expression, compile_expressions
-from wovenfab.model.memory import PointValues
+from wovenfab.model.friction_stress import FrictionStress
+from wovenfab.model.memory import PointValues, attributes
 
 Array = NDArray[np.float64]
-#: Largest distance of a stress from its bound at the start, over the bound.
-START_ROOM = 0.5
+#: Largest length of a step over that at which a bound is reached; exponent of the centring.
+SHARE, CENTRING = 0.995, 4
+#: Largest number of centrality corrections; step length from which none is tried; gain in length
+#: that a correction is for, and the one that it must give.
+CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
 #: Range of the products p (zeta - tau), over their mean, without a correction (Gondzio, 1996).
 LEAST, MOST = 0.1, 10.0
+#: Stiffness of friction over that of the sheet, as stiff as its yarns in tension, maybe a million
+#: times softer in shear: in the first iteration at most, before any step and, later, largest; and
+#: at most over the secant: the bound over the largest increment of the last step.
+FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
+#: Least p and q at the start over a large increment: in general and, where the last step goes on,
+#: at least, and over the share of energy by which the laws are missed.
+START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
+#: Largest distance of a stress from its bound at the start, over the bound.
+START_ROOM = 0.5
+#: That share from which it does not go on, and from which the first iteration led nowhere.
+MISLED, LOST = 0.5, 10.0
+#: Increment that counts as none, over the one at which the first stiffness reaches the bound.
+NOTHING = 1e-6
+#: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
+OF_LOSS, OF_ENERGY = 100.0, 0.1
+#: Least bound that varies, over the stress by which the sheet resists a displacement as large as a
+#: cell: friction of no bound at all has no interior, and one that is left out cannot come back.
+LEAST_BOUND = 1e-12
+#: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
+#: distance of a stress from its bound, over the bound.
+STUCK, INSIDE = 1e7, 1e-12
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
 #: Stands for infinity.
 HUGE = 1e30
+#: Values at points that later steps depend on.
+MEMORY = "_accepted", "_stiffness", "_secant", "_last_tangent"
 
 
-@dataclass(frozen=True)
-class Aim:
-    """What a step aims at.
+class CentralPathTarget(NamedTuple):
+    """The target of a step on the central path or near it.
 
     Attributes:
-        up, down: Aim values of p (zeta - tau) and q (zeta + tau), N/m.
+        up, down: Target values of p (zeta - tau) and q (zeta + tau), N/m.
         increment: The increment that belongs to them at the present stress, m.
     """
 
@@ -54,9 +76,8 @@ class Aim:
     increment: Array
 
 
-@dataclass(frozen=True)
-class Increment:
-    """A change of stress, p and q."""
+class Direction(NamedTuple):
+    """A search direction: changes of tau, p and q for a step of length one."""
 
     stress: Array
     up: Array
@@ -64,20 +85,240 @@ class Increment:
 
 
 class InteriorPoint:
-    """Stress tau and split increments p, q of points, all inside their bounds.
+    """Stresses tau and split increments p, q of all bounded frictions, through Newton's steps.
 
-    Stresses are written as of slip friction: N/m^2 and m. Any other pair whose product is
-    an energy per area does as well.
+    They are unknowns as the placements are: they change with Newton's steps, and no residual or
+    tangent changes them. In the first iterations of a step, until the prescribed placements are
+    attained, the stress is extrapolated from the accepted one; from there on it is an iterate
+    inside its bounds.
+
+    Values are arrays of shape (n,) over the points on this rank that may have a bound above zero.
+    They are written as of slip friction: N/m^2 and m. Any other pair whose product is an energy
+    per area does as well.
 
     Attributes:
-        stress: tau, of size below ``bound``.
+        bound: Largest stress zeta.
+        area: Area that each value stands for, m^2.
+        stress: tau, as the forms have it.
+        diagonal: Size of the diagonal of the tangent without friction, N/m; 0 if unknown.
     """
 
-    def __init__(self, bound: Array, area: Array) -> None:
-        """Take the bound zeta > 0 and the area (m^2) of each point."""
-        self.bound, self.area = bound, area
-        self.stress = np.zeros_like(bound)
-        self._up, self._down = np.zeros_like(bound), np.zeros_like(bound)
+    def __init__(self, frictions: Sequence[FrictionStress], comm: MPI.Comm, factor: Any) -> None:
+        """Start without stress; collective.
+
+        Args:
+            frictions: The frictions.
+            comm: Communicator of the mesh.
+            factor: Constant that scales all friction: 1, or 0 for an initial state.
+        """
+        self._frictions, self._comm, self._factor = tuple(frictions), comm, factor
+        sizes = self._sizes = [f.areas.size for f in frictions]
+        everywhere = np.concatenate([f.strengths() for f in frictions])
+        varying = np.repeat([f.varies for f in frictions], sizes)
+        # One that varies may come from zero.
+        self._included: NDArray[np.bool_] = (everywhere > 0) | varying
+        self._varying = varying[self._included]
+        self.bound = everywhere[self._included]
+        self.area = self.gathered([f.areas for f in frictions])
+        self._total_area = self._sum(float(self.area.sum()))
+        self.diagonal = 0.0
+        none = np.zeros_like(self.bound)
+        self.stress = self._up = self._down = none
+        self._increment = none  # b at the present iterate
+        self._direction = Direction(none, none, none)  # of the next step
+        self._accepted = none  # stress of the accepted state
+        self._stiffness = none  # of the sheet, as seen by each point, N/m^3
+        self._secant = none  # most that the last step suggests for the first iteration, N/m^3
+        self._least = none  # increment that counts as none
+        self._last_tangent: Array | None = None  # d tau/d b at the end of the last step, N/m^3
+        self._goes_on = False  # whether the present step goes on as the last one
+        self._started = False  # whether the stress is an iterate of the method
+
+    @property
+    def acts(self) -> bool:
+        """Whether there is friction; none is left out for the initial state, or of no strength."""
+        return float(self._factor.value) != 0 and self._total_area > 0
+
+    def begin(self, diagonal: Callable[[], float]) -> None:
+        """Begin a step at the accepted stresses and the model's present field; collective.
+
+        Args:
+            diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
+        """
+        self._started = False
+        if not self.diagonal:
+            self._measure_stiffness(diagonal)
+            self._secant = UNKNOWN * self._stiffness
+        if self._renew_bound(LEAST_BOUND * np.sqrt(self.diagonal * self._stiffness)):
+            self._accepted = np.clip(self._accepted, -self.bound, self.bound)
+        self._least = NOTHING * self.bound / (FIRST * self._stiffness)
+        self._increment = self._all(FrictionStress.increments)
+        self._set_stress(self._accepted)
+        moves = self._last_tangent is not None and self._sum(float(self._increment.any())) > 0
+        self._goes_on = moves and self._share_missed()[0] < MISLED
+        self._extrapolate()
+
+    def accept(self) -> None:
+        """Take the present stresses as those of the accepted state; collective."""
+        self._accepted = self.stress
+        largest = self._largest(self._increment)
+        if self._sum(float(largest.any())) and self.acts:  # a rank may have no such point
+            self._secant = SECANT * self.bound / np.maximum(largest, 1 / HUGE)
+        self._last_tangent = self._linearised()[1] if self._started else None
+
+    def restore(self) -> None:
+        """Go back to the stresses of the accepted state."""
+        self._last_tangent, self._started = None, False
+        self._set_stress(self._accepted)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return the accepted stresses, and stiffnesses once they are known."""
+        known = {k: self._by_cell(v) for k, v in attributes(self, *MEMORY).items() if v is not None}
+        return known | {"diagonal": self.diagonal}
+
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with those of a snapshot."""
+        for name in MEMORY:
+            if values := snapshot.get(name.lstrip("_")):
+                setattr(self, name, self.gathered([part.ravel() for part in values.parts]))
+        self.diagonal = snapshot["diagonal"]
+        self._set_stress(self._accepted)
+
+    def put_tangent(self) -> None:
+        """Give the forms d tau/d b of the present iterate."""
+        self.give_tangent(self._linearised()[1] if self._started else self._first_tangent())
+
+    def correct(self, step: Array, solve: Callable[[Array], Array]) -> tuple[Array, float]:
+        """Find Newton's step and the search direction of the stresses; collective.
+
+        Args:
+            step: Newton's step of own unknowns (m), to be subtracted, for stresses as they are.
+            solve: Returns the displacements (m) by the force of given stresses.
+
+        Returns:
+            The step that belongs to the direction, and the largest length that keeps the
+            stresses inside their bounds, up to one.
+        """
+        if not self._started:
+            return step, 1.0
+        creep, tangent = self._linearised()
+
+        def towards(target: CentralPathTarget) -> tuple[Array, Direction]:
+            excess = tangent * (self._increment - target.increment)
+            displacement = solve(excess) + step
+            changes = self.changes(-displacement)
+            return displacement, self.direction(excess + tangent * changes, target)
+
+        _, predictor = towards(self.target(creep, 0.0))
+        now = self._sum(self.gap())
+        then = self._sum(self.gap(predictor, min(1.0, self._longest(predictor))))
+        mu = (then / now) ** CENTRING * now / (2 * self._total_area)
+        target, longest, reach, corrected = self.target(creep, mu, predictor), 0.0, -1.0, step
+        for _ in range(1 + CORRECTIONS):
+            displacement, tried = towards(target)
+            length = self._longest(tried)
+            if min(1.0, length) < reach + LEAST_GAIN:
+                break
+            corrected, self._direction = displacement, tried
+            longest, reach = length, min(1.0, length)
+            if reach >= FAR:
+                break
+            target = self.nearer(target, creep, mu, tried, min(1.0, reach + GAIN))
+        # Steps come the closer to the bounds the less is missing, for quick convergence.
+        share = 1 - min(1 - SHARE, now / self._sum(self.loss()))
+        return corrected, min(1.0, share * longest)
+
+    def admitted(self, length: float) -> float:
+        """Return the length of a step, up to the one given: zero refuses it.
+
+        A first step by the tangents of the last step is taken whole or not at all: where the
+        motion turned in the last step, points that stick are extrapolated as if they slid, and
+        the step that takes this back may be far too long. The next one is then as if all slid.
+
+        Args:
+            length: The largest that keeps the iterate admissible, up to one.
+        """
+        if self._goes_on and not self._started and length < 1.0:
+            self._goes_on = False
+            self._extrapolate()
+            return 0.0
+        return length
+
+    def advance(self, length: float, attained: bool) -> None:
+        """Take a step that the model's present field has taken; collective.
+
+        Args:
+            length: Of the step.
+            attained: Whether the field has the prescribed placements.
+        """
+        if not self.acts:
+            return
+        self._increment = self._all(FrictionStress.increments)
+        if self._started:
+            self.take_step(self._direction, length)
+            return
+        self._extrapolate()
+        if attained and not self._start():
+            self._goes_on = False  # the first step once more, as if all slid
+            self._extrapolate()
+
+    def obeys_law(self, tolerance: float, energy: Callable[[], float]) -> bool:
+        """Return whether the stresses obey their laws; collective.
+
+        Args:
+            tolerance: Energy by which a law may be missed, relative.
+            energy: Returns the energy (J) of the sheet, which counts where little is lost.
+        """
+        if not self.acts:
+            return True
+        if not self._started:  # nothing has moved, and nothing creeps
+            active = any(f.creeps for f in self._frictions) or bool(self._increment.any())
+            return not self._sum(float(active))
+        gap, loss = self._sum(self.gap()), self._sum(self.loss())
+        return gap <= OF_LOSS * tolerance * loss or gap <= OF_ENERGY * tolerance * energy()
+
+    def linearise(self) -> tuple[Array, Array]:
+        """Linearise the law at the solution, and give the forms the tangent.
+
+        Points that stick are as good as rigid. Where a point is about to slide or to stick, the
+        law has a kink, and this is one of its slopes or between them.
+
+        Returns:
+            d tau/d b, and d b/d zeta at fixed stress, at each point.
+        """
+        tangent = by_bound = np.zeros_like(self._accepted)
+        if self.acts:
+            tangent = STUCK * self._stiffness
+            if self._started:
+                tangent, by_bound = self._linearised(STUCK)[1], -self.bound_slope()
+        self.give_tangent(tangent)
+        return tangent, by_bound
+
+    @contextmanager
+    def in_forms(self, stress: Array) -> Iterator[None]:
+        """Give the forms other stresses, and then the present ones again."""
+        self._put(stress, lambda f: f.stress)
+        try:
+            yield
+        finally:
+            self._put(self.stress, lambda f: f.stress)
+
+    def off_bounds(self) -> Any:
+        """Give the forms stresses that are not at their bounds even by round-off; a context."""
+        most = (1 - INSIDE) * self.bound
+        return self.in_forms(np.clip(self.stress, -most, most))
+
+    def give_tangent(self, values: Array) -> None:
+        """Give the forms tangents d tau/d b, none where no friction acts."""
+        self._put(values * float(self.acts), lambda f: f.tangent)
+
+    def changes(self, direction: Array) -> Array:
+        """Return the change of b along a direction of own unknowns (m); collective."""
+        return self._all(lambda f: f.changes(direction))
+
+    def gathered(self, parts: Sequence[Array]) -> Array:
+        """Return the values here from those at all points of each friction."""
+        return np.concatenate(parts)[self._included]
 
     def missed_and_lost(
         self, increment: Array, stress: Array, least: Array, soft: Array
@@ -96,7 +337,7 @@ class InteriorPoint:
         lost = self.bound * np.maximum(np.abs(increment), least)
         return float(self.area @ missed), float(self.area @ lost)
 
-    def place(self, stress: Array, increment: Array, slip: Array | None = None) -> None:
+    def start_stress(self, stress: Array, increment: Array, slip: Array | None = None) -> None:
         """Start at a stress, moved inside its bounds.
 
         Args:
@@ -106,17 +347,18 @@ class InteriorPoint:
         """
         share = START_ROOM if slip is None else slip / (np.abs(increment) + slip)
         room = self.bound * np.minimum(START_ROOM, share)
-        self.stress = np.clip(stress, room - self.bound, self.bound - room)
+        self._set_stress(np.clip(stress, room - self.bound, self.bound - room))
 
-    def split(self, increment: Array, slip: Array, level: bool) -> None:
+    def start_split(self, increment: Array, slip: Array, near: bool) -> None:
         """Start with p and q from an increment less its creep.
 
         Args:
             increment: p - q.
             slip: Least value of both, m.
-            level: Their products with the room of the stress are about the same everywhere.
+            near: Near the central path: p (zeta - tau) and q (zeta + tau) are about the same
+                everywhere.
         """
-        above, below = self._room() if level else (self.bound, self.bound)
+        above, below = self._room() if near else (self.bound, self.bound)
         up, down = slip * self.bound / above, slip * self.bound / below
         self._up, self._down = np.maximum(up, down + increment), np.maximum(down, up - increment)
 
@@ -135,73 +377,87 @@ class InteriorPoint:
         above, below = self._room()
         return self._up / above - self._down / below
 
-    def aim(self, creep: Array, level: float, move: Increment | None = None) -> Aim:
+    def target(
+        self, creep: Array, mu: float, predictor: Direction | None = None
+    ) -> CentralPathTarget:
         """Return the target of a step.
 
         Args:
             creep: Creep at the present stress.
-            level: mu, N/m.
-            move: The predictor, for the second-order terms.
+            mu: Barrier parameter, N/m.
+            predictor: For the second-order terms.
         """
         above, below = self._room()
-        up = level + (move.up * move.stress if move else np.zeros_like(above))
-        down = level - (move.down * move.stress if move else np.zeros_like(above))
-        return Aim(up, down, creep + up / above - down / below)
+        up = mu + (predictor.up * predictor.stress if predictor else np.zeros_like(above))
+        down = mu - (predictor.down * predictor.stress if predictor else np.zeros_like(above))
+        return CentralPathTarget(up, down, creep + up / above - down / below)
 
-    def centred(self, aim: Aim, creep: Array, level: float, move: Increment, length: float) -> Aim:
-        """Return a target with which products that are far from their mean come nearer to it.
+    def nearer(
+        self,
+        target: CentralPathTarget,
+        creep: Array,
+        mu: float,
+        direction: Direction,
+        length: float,
+    ) -> CentralPathTarget:
+        """Return a target by which products far from the central path come nearer to it.
 
         Args:
-            aim: The target before.
+            target: The target before.
             creep: Creep at the present stress.
-            level: Mean of all products, N/m.
-            move: The step that the target before gives.
+            mu: Mean of all products, N/m.
+            direction: That of the target before.
             length: Step length at which the products are taken.
         """
         above, below = self._room()
-        up = (self._up + length * move.up) * (above - length * move.stress)
-        down = (self._down + length * move.down) * (below + length * move.stress)
-        least, most = LEAST * level, MOST * level
+        up = (self._up + length * direction.up) * (above - length * direction.stress)
+        down = (self._down + length * direction.down) * (below + length * direction.stress)
+        least, most = LEAST * mu, MOST * mu
         more_up = np.maximum(np.clip(up, least, most) - up, -most)
         more_down = np.maximum(np.clip(down, least, most) - down, -most)
-        up, down = aim.up + more_up, aim.down + more_down
-        return Aim(up, down, creep + up / above - down / below)
+        up, down = target.up + more_up, target.down + more_down
+        return CentralPathTarget(up, down, creep + up / above - down / below)
 
-    def move(self, stress: Array, aim: Aim) -> Increment:
-        """Return the changes of stress, p and q that belong to a change of the stress."""
+    def direction(self, stress: Array, target: CentralPathTarget) -> Direction:
+        """Return the changes of tau, p and q that belong to a change of the stress."""
         above, below = self._room()
-        up = (aim.up + self._up * stress) / above - self._up
-        down = (aim.down - self._down * stress) / below - self._down
-        return Increment(stress, up, down)
+        up = (target.up + self._up * stress) / above - self._up
+        down = (target.down - self._down * stress) / below - self._down
+        return Direction(stress, up, down)
 
-    def longest(self, move: Increment) -> float:
-        """Return the step length at which the first point reaches a bound."""
+    def longest(self, direction: Direction) -> float:
+        """Return the step length at which the first point of this rank reaches a bound."""
         above, below = self._room()
         rooms = (self._up, self._down, above, below)
-        changes = (move.up, move.down, -move.stress, move.stress)
+        changes = (direction.up, direction.down, -direction.stress, direction.stress)
         return min(
             float((-room[change < 0] / change[change < 0]).min(initial=np.inf))
             for room, change in zip(rooms, changes, strict=True)
         )
 
-    def advance(self, move: Increment, length: float) -> None:
-        """Take a step."""
+    def take_step(self, direction: Direction, length: float) -> None:
+        """Go along a direction."""
         most = (1 - CLOSEST) * self.bound  # at the bound itself a creep is infinite
-        self.stress = np.clip(self.stress + length * move.stress, -most, most)
-        self._up = self._up + length * move.up
-        self._down = self._down + length * move.down
+        self._set_stress(np.clip(self.stress + length * direction.stress, -most, most))
+        self._up = self._up + length * direction.up
+        self._down = self._down + length * direction.down
 
-    def gap(self, move: Increment | None = None, length: float = 0.0) -> float:
-        """Return the energy (J) by which the law is not met, now or after a step."""
+    def gap(self, direction: Direction | None = None, length: float = 0.0) -> float:
+        """Return the complementarity gap of this rank: the energy (J) by which the law is missed.
+
+        Args:
+            direction: To a place along it; the present iterate unless given.
+            length: Of the step to that place.
+        """
         above, below = self._room()
         up, down = self._up, self._down
-        if move:
-            above, below = above - length * move.stress, below + length * move.stress
-            up, down = up + length * move.up, down + length * move.down
+        if direction:
+            above, below = above - length * direction.stress, below + length * direction.stress
+            up, down = up + length * direction.up, down + length * direction.down
         return float(self.area @ (up * above + down * below))
 
     def loss(self) -> float:
-        """Return the energy (J) that p and q dissipate, the scale of a gap."""
+        """Return the energy (J) that p and q dissipate on this rank, the scale of a gap."""
         return float(self.area @ (self.bound * (self._up + self._down)))
 
     def _room(self) -> tuple[Array, Array]:
@@ -210,188 +466,111 @@ class InteriorPoint:
         above, below = self.bound - self.stress, self.bound + self.stress
         return np.maximum(above, least), np.maximum(below, least)
 
+    def _first_tangent(self) -> Array:
+        """Return d tau/d b for the first iteration: that of the last step, or as if all slid."""
+        slid = np.minimum(FIRST * self._stiffness, self._secant)
+        return np.asarray(self._last_tangent if self._goes_on else slid)
 
-class _PointRule:
-    """The points of one friction on this rank's own cells; values by cell, point, component."""
+    def _linearised(self, largest: float = LARGEST) -> tuple[Array, Array]:
+        """Return the creep at the present stress, and d tau/d b of the linearised law."""
+        creep, slope = self._creep()
+        return creep, self.tangent(slope, largest * self._stiffness)
 
-    def __init__(self, friction: PointFriction, direction: fem.Function) -> None:
-        space = friction.stress.function_space
-        mesh = self._mesh = space.mesh
-        own = mesh.topology.index_map(2).size_local
-        self.cells = np.arange(own, dtype=np.int32)
-        self._dofs = space.dofmap.list[:own]
-        self._size = friction.size
-        self.friction = friction
-        points, weights = basix.make_quadrature(basix.CellType.triangle, friction.degree)
-        self._rule = points
-        given = ufl.as_vector([abs(ufl.JacobianDeterminant(mesh)), friction.strength()])
-        symbols, creep = [friction.increment(), friction.change(direction), given], friction.creep()
-        self._increment, self._change, self._given, *more = compile_expressions(
-            symbols if creep is None else [*symbols, creep], points
-        )
-        self._creep = more[0] if more else None
-        self.varies = bool(friction.term.effect.memory)
-        area = self.at(self._given)[::2]
-        self.area = np.repeat(area * np.tile(weights, own), self._size)
+    def _creep(self) -> Array:
+        """Return b below the bound and its slope by the stress, shape (2, n)."""
+        both: Array = np.hstack([f.creeps_and_slopes() for f in self._frictions])
+        return both[:, self._included]
 
-    @property
-    def bound(self) -> Array:
-        """The largest stress."""
-        return np.repeat(self.at(self._given)[1::2], self._size)
+    def _extrapolate(self) -> None:
+        """Go on from the accepted stresses by the first tangent."""
+        first = self._first_tangent()
+        self.give_tangent(first)  # what is prescribed and not yet attained acts by it
+        self._set_stress((self._accepted + first * self._increment) * float(self.acts))
 
-    def increments(self) -> Array:
-        return self.at(self._increment)
+    def _share_missed(self) -> tuple[float, Array]:
+        """Return the energy by which laws are missed over the loss, b less creep; collective."""
+        with self.off_bounds():
+            sliding = self._increment - self._creep()[0]
+        soft = np.minimum(self._first_tangent(), FIRST * self._stiffness)
+        parts = self.missed_and_lost(sliding, self.stress, self._least, soft)
+        return self._sum(parts[0]) / self._sum(parts[1]), sliding
 
-    def changes(self) -> Array:
-        return self.at(self._change)
+    def _start(self) -> bool:
+        """Start the method where the first step has led, unless that is nowhere; collective."""
+        share, sliding = self._share_missed()
+        if self._goes_on and share > LOST:
+            return False
+        near = self._goes_on and share < MISLED
+        slip = np.maximum(self._largest(self._increment), self._least)
+        slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
+        self.start_stress(self.stress, sliding, slip if near else None)
+        self.start_split(self._increment - self._creep()[0], slip, near)
+        self._started = True
+        return True
 
-    def creep(self) -> Array:
-        """Return the creep and its slope, shape (2, n)."""
-        if self._creep is None:
-            return np.zeros((2, self.area.size))
-        values = self.at(self._creep).reshape(-1, 2, self._size)
-        return np.swapaxes(values, 0, 1).reshape(2, -1)
+    def _longest(self, direction: Direction) -> float:
+        """Return the step length at which the first point reaches a bound; collective."""
+        return float(self._comm.allreduce(self.longest(direction), op=MPI.MIN))
 
-    def compiled(self, symbol: Any) -> fem.Expression:
-        """Return a scalar or vector as an expression of as many components as the stress."""
-        shape = ufl.as_ufl(symbol).ufl_shape
-        one = fem.Constant(self._mesh, 1.0)  # FFCx takes no expression that is a plain number
-        rows = [one * (symbol[i] if shape else symbol) for i in range(self._size)]
-        return compile_expression(ufl.as_vector(rows), self._rule)
+    def _measure_stiffness(self, diagonal: Callable[[], float]) -> None:
+        """Measure the size of the tangent's diagonal, and the sheet's stiffness; collective.
 
-    def put(self, function: fem.Function, values: Array) -> None:
-        rows = function.x.array.reshape(-1, self._size)
-        rows[self._dofs] = values.reshape(*self._dofs.shape, self._size)
-
-    def at(self, expression: fem.Expression) -> Array:
-        values: Array = expression.eval(self._mesh, self.cells)
-        return values.ravel()
-
-
-class FrictionPoints:
-    """All points of some frictions on this rank that may have a bound above zero, one by one.
-
-    Attributes:
-        bound: Largest stress zeta at each, shape (n,), as are all values here.
-        area: Area that each stands for, m^2.
-        creeps: Whether any law creeps below its bound.
-    """
-
-    def __init__(self, frictions: Sequence[PointFriction], space: fem.FunctionSpace) -> None:
-        """Evaluate bounds and areas.
+        Friction of infinite stiffness adds to the diagonal what the sheet's stiffness is over.
 
         Args:
-            frictions: The frictions.
-            space: Space of the placements.
+            diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
-        self._direction = fem.Function(space)
-        self._rules = [_PointRule(f, self._direction) for f in frictions]
-        everywhere = np.concatenate([r.bound for r in self._rules])
-        varying = np.repeat([r.varies for r in self._rules], [r.area.size for r in self._rules])
-        self._acting: NDArray[np.bool_] = (
-            everywhere > 0
-        ) | varying  # one that varies may come from zero
-        self._varying = varying[self._acting]
-        self._ends = np.cumsum([r.area.size for r in self._rules])[:-1]
-        self._comm = space.mesh.comm
-        self.bound = everywhere[self._acting]
-        self.area = np.concatenate([r.area for r in self._rules])[self._acting]
-        self.creeps = any(not f.term.effect.set_valued for f in frictions)
+        none = stiffness = np.zeros_like(self.bound)
+        self._put(none, lambda f: f.stress)
+        self._put(none, lambda f: f.tangent)
+        size = diagonal()
+        for i in range(len(self._frictions)):
+            one = self.gathered([np.full(n, float(i == k)) for k, n in enumerate(self._sizes)])
+            self._put(HUGE * one, lambda f: f.tangent)
+            stiffness = stiffness + one * size / (diagonal() / HUGE)
+        self._put(none, lambda f: f.tangent)
+        self.diagonal, self._stiffness = size, stiffness
 
-    def renew(self, least: Array) -> bool:
+    def _renew_bound(self, least: Array) -> bool:
         """Evaluate the bounds anew if any varies; return whether one does.
 
         Args:
             least: Smallest that a bound which varies may be.
         """
-        varies = any(rule.varies for rule in self._rules)
+        varies = any(f.varies for f in self._frictions)
         if varies:
-            self.bound[:] = np.maximum(self._all(lambda rule: rule.bound), least * self._varying)
+            self.bound = np.maximum(self._all(FrictionStress.strengths), least * self._varying)
         return varies
 
-    def increments(self) -> Array:
-        """Return the increments b of the model's present field."""
-        return self._all(_PointRule.increments)
-
-    def changes(self, direction: Array) -> Array:
-        """Return the change of b along a direction of own unknowns (m); collective."""
-        self._direction.x.array[: len(direction)] = direction
-        self._direction.x.scatter_forward()
-        return self._all(_PointRule.changes)
-
-    def creep(self) -> tuple[Array, Array]:
-        """Return b below the bound and its slope by the stress, at the forms' stresses."""
-        both = np.hstack([rule.creep() for rule in self._rules])[:, self._acting]
-        return both[0], both[1]
-
-    def put_stress(self, values: Array) -> None:
-        """Give the forms these stresses."""
-        self._put(values, lambda f: f.stress)
-
-    def put_tangent(self, values: Array) -> None:
-        """Give the forms these tangents d tau/d b."""
-        self._put(values, lambda f: f.tangent)
-
-    def by_cell(self, values: Array) -> PointValues:
-        """Return values by friction and cell."""
-        parts = zip(self._rules, self._parts(values), strict=True)
-        return PointValues(tuple(part.reshape(len(rule.cells), -1) for rule, part in parts))
-
-    def of_cells(self, values: PointValues) -> Array:
-        """Return values that were given by friction and cell."""
-        everywhere: Array = np.concatenate([part.ravel() for part in values.parts])
-        return everywhere[self._acting]
-
-    def largest(self, values: Array) -> Array:
+    def _largest(self, values: Array) -> Array:
         """Return for each value the largest absolute one of its friction; collective."""
         mine = [float(np.abs(part).max(initial=0.0)) for part in self._parts(values)]
         most = np.max(self._comm.allgather(mine), axis=0)
-        sizes = [rule.area.size for rule in self._rules]
-        repeated: Array = np.repeat(most, sizes)[self._acting]
+        repeated: Array = np.repeat(most, self._sizes)[self._included]
         return repeated
 
-    def stiffness(self, diagonal: Callable[[], float]) -> tuple[float, Array]:
-        """Return the size of the tangent's diagonal (N/m), and the sheet's stiffness (N/m^3).
-
-        Args:
-            diagonal: Assembles the tangent and returns the size of its diagonal, N/m; collective.
-        """
-        none = stiffness = np.zeros_like(self.bound)
-        self.put_stress(none)
-        self.put_tangent(none)
-        size = diagonal()
-        for i in range(len(self._rules)):
-            mine = [part + float(i == k) for k, part in enumerate(self._parts(none))]
-            here = np.concatenate(mine)[self._acting]
-            self.put_tangent(HUGE * here)
-            stiffness = stiffness + here * size / (diagonal() / HUGE)
-        self.put_tangent(none)
-        return size, stiffness
-
-    def compiled(self, symbols: Sequence[Any]) -> list[fem.Expression | None]:
-        """Return one expression for each friction, compiled at its points; collective.
-
-        Args:
-            symbols: Scalars or vectors; zero gives None.
-        """
-        expanded = [expand_derivatives(ufl.as_ufl(symbol)) for symbol in symbols]
-        pairs = zip(self._rules, expanded, strict=True)
-        return [None if isinstance(s, Zero) else rule.compiled(s) for rule, s in pairs]
-
-    def values(self, expressions: Sequence[fem.Expression | None]) -> Array:
-        """Return the values of such expressions."""
-        pairs = zip(self._rules, expressions, strict=True)
-        parts = [np.zeros(r.area.size) if e is None else r.at(e) for r, e in pairs]
-        return np.concatenate(parts)[self._acting]
-
-    def _all(self, of: Callable[[_PointRule], Array]) -> Array:
-        return np.concatenate([of(rule) for rule in self._rules])[self._acting]
+    def _all(self, of: Callable[[FrictionStress], Array]) -> Array:
+        """Return values of all frictions."""
+        return self.gathered([of(f) for f in self._frictions])
 
     def _parts(self, values: Array) -> list[Array]:
-        everywhere = np.zeros(self._acting.size)
-        everywhere[self._acting] = values
-        return np.split(everywhere, self._ends)
+        """Return the values at all points of each friction, zero at those that are left out."""
+        everywhere = np.zeros(self._included.size)
+        everywhere[self._included] = values
+        return np.split(everywhere, np.cumsum(self._sizes)[:-1])
 
-    def _put(self, values: Array, where: Callable[[PointFriction], Any]) -> None:
-        for rule, part in zip(self._rules, self._parts(values), strict=True):
-            rule.put(where(rule.friction), part)
+    def _by_cell(self, values: Array) -> PointValues:
+        parts = zip(self._frictions, self._parts(values), strict=True)
+        return PointValues(tuple(f.by_cell(part) for f, part in parts))
+
+    def _put(self, values: Array, where: Callable[[FrictionStress], Any]) -> None:
+        """Give a field of each friction its values."""
+        for f, part in zip(self._frictions, self._parts(values), strict=True):
+            f.put(where(f), part)
+
+    def _set_stress(self, stress: Array) -> None:
+        self.stress = stress
+        self._put(stress, lambda f: f.stress)
+
+    def _sum(self, value: float) -> float:
+        return float(self._comm.allreduce(value, op=MPI.SUM))

@@ -147,7 +147,8 @@ class LinearSolver:
         counts: Whether the factor counts the negative eigenvalues.
         prefix: Beginning of the names of its PETSc options.
         iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
-        space: By how much MUMPS's workspace exceeds its estimate (per cent); 0 for its default.
+        workspace_percent: By how much MUMPS's workspace exceeds its estimate (per cent); 0 for
+            its default.
         source: What the present matrix was formed from.
     """
 
@@ -173,7 +174,7 @@ class LinearSolver:
         self.prefix = direct.getOptionsPrefix() or ""
         self._positive = self.counts  # whether all were so far
         self._gradients: ConjugateGradients | None = None
-        self.space = 0
+        self.workspace_percent = 0
         self._begun = False  # PETSc's factor must not be asked for before: that creates one
         self._made = -1  # state of the matrix when it was factorised
         self.source: Any = None
@@ -316,9 +317,11 @@ class LinearSolver:
 
     def _factorise(self) -> None:
         self._set_up()
-        while self.status in TOO_SMALL and self.space < MOST_SPACE:
-            self.space = max(LEAST_SPACE, 2 * self.space)
-            logger.info("factorised with %d %% more workspace than estimated", self.space)
+        while self.status in TOO_SMALL and self.workspace_percent < MOST_SPACE:
+            self.workspace_percent = max(LEAST_SPACE, 2 * self.workspace_percent)
+            logger.info(
+                "factorised with %d %% more workspace than estimated", self.workspace_percent
+            )
             self._pc.reset()
             self._set_up()
 
@@ -326,9 +329,9 @@ class LinearSolver:
         if self.counts:
             self._matrix.setOption(PETSc.Mat.Option.SPD, self._positive)
         self._direct.setOperators(self._matrix)
-        if self.space:
+        if self.workspace_percent:
             self._pc.setFactorSetUpSolverType()
-            self.factor.setMumpsIcntl(SPACE, self.space)
+            self.factor.setMumpsIcntl(SPACE, self.workspace_percent)
         self._begun = True
         self._direct.setUp()
 

@@ -139,11 +139,11 @@ class NewtonSolver:
         self._reuse.begin()
         self.spectrum.restart()
         # Shifted tangents and stress at points change the matrix too much for an older factor.
-        self.linear.definite = not (self.options.descend or problem.point_stress)
+        self.linear.definite = not (self.options.descend or problem.friction)
         if self.linear.status < 0:
             self.linear.forget()
-        if problem.point_stress:
-            problem.point_stress.begin(lambda: problem.size_of_tangent(self._matrix))
+        if problem.friction:
+            problem.friction.begin(lambda: problem.size_of_tangent(self._matrix))
         self.snes.solve(None, self.solution)
         problem.load(self.solution)
         return int(self.snes.getConvergedReason())
@@ -252,7 +252,7 @@ class NewtonSolver:
         return self.problem.energy()
 
     def limit_step(self, x: Any, y: Any) -> bool:
-        """Shorten the step so that x - y is admissible and lowers the potential."""
+        """Shorten the step so that x - y is admissible and lowers the potential, and take it."""
         problem, model = self.problem, self.problem.model
         problem.load(x)
         self._cg = self.linear.iterations
@@ -262,11 +262,11 @@ class NewtonSolver:
         if problem.attained and self.options.descend:
             self.spectrum.shift(self.snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
-        inside = problem.point_stress.correct(self.linear, y) if problem.point_stress else 1.0
+        inside = self._correct(y) if problem.friction else 1.0
         length = min(inside, self.admissible_length(y))
-        if problem.point_stress:
+        if problem.friction:
             self.line_search.note(length)
-            length = problem.point_stress.advance(length)
+            length = problem.friction.admitted(length)
         elif problem.attained:
             length = self.search_line(x, y, length)
         else:
@@ -274,7 +274,21 @@ class NewtonSolver:
         self._length = length
         if length < 1.0:
             y.scale(length)
+        if length > 0.0:
+            problem.advance(x, y, length)
         return length < 1.0
+
+    def _correct(self, y: Any) -> float:
+        """Correct Newton's step by the stresses of friction; return its largest length."""
+        assert self.problem.friction is not None
+
+        def solve(stress: Array) -> Array:
+            self.linear.solve(self.problem.friction_force(stress), y)
+            return np.array(y.array_r)
+
+        step, inside = self.problem.friction.correct(np.array(y.array_r), solve)
+        y.array_w[:] = step
+        return inside
 
     def admissible_length(self, y: Any) -> float:
         """Return the largest length of a step (to be subtracted) that is surely admissible."""
@@ -289,9 +303,10 @@ class NewtonSolver:
             y: Newton's step, to be subtracted; that by the positive part may overwrite it.
             longest: First length to try.
         """
-        search, noise, force = self.line_search, self._convergence.noise, self.snes.getFunction()[0]
+        search, force = self.line_search, self.snes.getFunction()[0]
+        roundoff = self._convergence.energy_roundoff
         before, saddle = (search.potential, search.failures), self.spectrum.saddle
-        length = search.along(self.step, force.dot(y), longest, noise, loose=not saddle)
+        length = search.along(self.step, force.dot(y), longest, roundoff, loose=not saddle)
         if length == longest or not saddle:
             return length
         weight = self.problem.model.geometric_weight
@@ -302,7 +317,7 @@ class NewtonSolver:
             return length
         search.potential, search.failures = before
         longest = min(self.admissible_length(y), 1.0)
-        length = search.along(self.step, force.dot(y), longest, noise)
+        length = search.along(self.step, force.dot(y), longest, roundoff)
         search.decrement = np.inf  # only the tangent itself converges quadratically
         return length
 
@@ -320,7 +335,7 @@ class NewtonSolver:
             reason = self._convergence.reason(
                 residual,
                 self.problem.force_norm,
-                None if self.problem.point_stress else self.line_search.decrement,
+                None if self.problem.friction else self.line_search.decrement,
                 self.line_search.potential or 0.0,
                 self._left if self._reuse.taken else None,
             )
@@ -358,8 +373,8 @@ class NewtonSolver:
 
     def _obeys_friction_laws(self) -> bool:
         """Return whether the stresses at points obey their laws."""
-        stress, tolerance = self.problem.point_stress, self.options.tolerance
-        return stress is None or stress.obeys_law(tolerance, self._energy_scale)
+        friction, tolerance = self.problem.friction, self.options.tolerance
+        return friction is None or friction.obeys_law(tolerance, self._energy_scale)
 
     def _energy_scale(self) -> float:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""

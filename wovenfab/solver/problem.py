@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from itertools import count
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from wovenfab.model.constraints import Constraints
 from wovenfab.model.model import Model
 
 if TYPE_CHECKING:
-    from wovenfab.solver.point_friction import PointStress
+    from wovenfab.solver.interior_point import InteriorPoint
 
 
 #: Beginnings of the names of command-line options that are for the solver.
@@ -166,7 +166,7 @@ class Problem:
         model: The forms that are solved. Friction with stress at quadrature points may take
             the place of the smooth law; fields and constants stay the same objects.
         constraints: Prescribed placements.
-        point_stress: The friction stress at quadrature points, or None.
+        friction: The stresses of friction at quadrature points, or None.
         residual: Vector for forces, N.
         force: Internal force at this rank's unknowns at the last residual, before boundary
             conditions, N.
@@ -185,9 +185,9 @@ class Problem:
         """
         self.model = model
         self.constraints = Constraints(model.placements, model.sheet, model.grips, bcs)
-        self.point_stress: PointStress | None = None
+        self.friction: InteriorPoint | None = None
         self.residual = model.field.x.petsc_vec.duplicate()  # ghosted
-        self._diagonal = self.residual.duplicate()
+        self._work = self.residual.duplicate()
         self.force: NDArray[np.float64] = np.zeros(self.residual.getLocalSize())
         self.force_norm = 0.0
         self.attained = False
@@ -202,12 +202,28 @@ class Problem:
         """Check whether the field has the prescribed placements already; collective."""
         self.attained = not self.constraints.unmet(self.model.field)
 
-    def evaluate_residual(self, b: Any) -> None:
-        """Put the forces in b, with the prescribed values lifted so that one step attains them."""
+    def advance(self, x: Any, y: Any, length: float) -> None:
+        """Take a step to x - y: note whether it attains the placements, and move the stresses.
+
+        Collective.
+
+        Args:
+            x: The iterate, m.
+            y: The step, m; it is shortened already.
+            length: Its length over that of the whole step.
+        """
+        if self.attained and not self.friction:
+            return
+        field = self.model.field
+        field.x.array[: x.getLocalSize()] = x.array_r - y.array_r
+        field.x.scatter_forward()
         if not self.attained:
             self.begin()
-        if self.point_stress:
-            self.point_stress.prepare_force(self.attained)
+        if self.friction:
+            self.friction.advance(length, self.attained)
+
+    def evaluate_residual(self, b: Any) -> None:
+        """Put the forces in b, with the prescribed values lifted so that one step attains them."""
         self._assemble_force(b)
         self.force = np.array(b.array_r)
         self.force_norm = b.norm()
@@ -236,16 +252,16 @@ class Problem:
     def evaluate_tangent(self, matrix: Any) -> float:
         """Assemble the tangent of the present field; return its size, N/m."""
         with PETSc.Log.Event(TANGENT):
-            if self.point_stress:
-                self.point_stress.prepare_tangent()
+            if self.friction:
+                self.friction.put_tangent()
             size = self.size_of_tangent(matrix)
-        return self.point_stress.diagonal if self.point_stress else size
+        return self.friction.diagonal if self.friction else size
 
     def size_of_tangent(self, matrix: Any) -> float:
         """Assemble the tangent for stresses as they are; return its diagonal's size, N/m."""
         assemble_matrix(matrix, self.model.jacobian, self.constraints.bcs)
-        matrix.getDiagonal(self._diagonal)
-        return float(self._diagonal.norm())
+        matrix.getDiagonal(self._work)
+        return float(self._work.norm())
 
     def residual_norms(self) -> list[float]:
         """Return the norm (N) of the last residual for each placement; collective."""
@@ -296,13 +312,34 @@ class Problem:
         self.residual.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         return np.array(self.residual.array_r)
 
+    def add_friction_force(self, b: Any, stress: NDArray[np.float64] | None = None) -> None:
+        """Add the force (N) of friction stresses to a vector; ghosts are not yet summed.
+
+        Args:
+            b: PETSc's vector.
+            stress: Values at the points; the present ones unless given.
+        """
+        if not self.friction or not self.friction.acts:
+            return
+        with nullcontext() if stress is None else self.friction.in_forms(stress):
+            for form in self.model.friction_force.values():
+                fem_petsc.assemble_vector(b, form)
+
+    def friction_force(self, stress: NDArray[np.float64]) -> Any:
+        """Return the force (N) of friction stresses, zero at held unknowns; a work vector."""
+        with self._work.localForm() as local:
+            local.set(0.0)
+        self.add_friction_force(self._work, stress)
+        self._work.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+        fem_petsc.set_bc(self._work, self.constraints.bcs, alpha=0.0)
+        return self._work
+
     def destroy(self) -> None:
         """Free the PETSc objects; collective."""
-        for item in (self.residual, self._diagonal):
+        for item in (self.residual, self._work):
             item.destroy()
 
     def _assemble_force(self, b: Any) -> None:
         assemble_vector(b, self.model.residual)
-        if self.point_stress:
-            self.point_stress.add_force(b)
+        self.add_friction_force(b)
         b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)

@@ -168,11 +168,11 @@ class ForceControl:
     def _linearise(self, u: float) -> tuple[float, Array]:
         """Return dF/du (N/m) and the change of own unknowns with u at the present state."""
         problem, solver = self._problem, self._solver
-        model, stress = problem.model, problem.point_stress
+        model, friction = problem.model, problem.friction
         rate = problem.constraints.rate(u)
-        if stress:
-            with stress.off_bounds():
-                stress.linearise()
+        if friction:
+            with friction.off_bounds():
+                friction.linearise()
             model.last.x.array[:] = model.field.x.array
             problem.size_of_tangent(solver.matrix)
             solver.linear.definite = False

@@ -31,7 +31,7 @@ from wovenfab.model.assembly import Sum, assemble_scalar, compile_sums
 from wovenfab.model.memory import VariableSlopes
 from wovenfab.model.model import Model, preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
-from wovenfab.solver.point_friction import PointSensitivity
+from wovenfab.solver.friction_sensitivity import FrictionSensitivity
 from wovenfab.stepping.schemes import Scheme
 
 Array = NDArray[np.float64]
@@ -84,7 +84,7 @@ class TangentLinear:
         self._solver, self._problem, self._stage = solver, problem, scheme.stage
         self._dissipation = dissipation
         self._virtual: Array = np.zeros(0)  # w at the end of the step
-        self._compiled: dict[int, tuple[Model, dict[str, Sum], PointSensitivity | None]] = {}
+        self._compiled: dict[int, tuple[Model, dict[str, Sum], FrictionSensitivity | None]] = {}
         self._directions = Directions(problem.model, targets)
         self._forms()
         size = problem.model.field.x.array.size
@@ -146,15 +146,15 @@ class TangentLinear:
         self._b.destroy()
         self._x.destroy()
 
-    def _forms(self) -> tuple[Model, dict[str, Sum], PointSensitivity | None]:
+    def _forms(self) -> tuple[Model, dict[str, Sum], FrictionSensitivity | None]:
         """Return the forms of the model as it is solved now: friction may have changed."""
-        model, stress = self._problem.model, self._problem.point_stress
+        model = self._problem.model
         if id(model) not in self._compiled:
             points = None
             others = self._directions.others
             forms = sensitivity_forms(model, self.targets, self._directions)
-            if stress:
-                points = PointSensitivity(model, stress, self.targets, others)
+            if self._problem.friction:
+                points = FrictionSensitivity(self._problem, self.targets, others)
             self._compiled[id(model)] = model, forms, points
         return self._compiled[id(model)]
 
@@ -203,8 +203,8 @@ class TangentLinear:
         for k in range(len(self.targets)):
             self._directions.set(k, self._states)
             self._assemble(forms, k)
-            if stress := self._problem.point_stress:
-                stress.add_force_of(self._stresses[k], self._b)
+            if points:
+                self._problem.add_friction_force(self._b, self._stresses[k])
             self._b.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
             force[k] = self._virtual[:own] @ self._b.array_r + action @ self._now[k][:own]
         return self._sum(force)
@@ -299,7 +299,7 @@ def require_targets(model: Model, targets: Sequence[Target]) -> None:
     Raises:
         TargetError: If one is not.
     """
-    terms = (*model.balance.terms, *(f.term for f in model.point_frictions))
+    terms = (*model.balance.terms, *(f.term for f in model.friction_stresses))
     known = {(t.effect.name, p.name) for t in terms for p in t.effect.parameters}
     for target in targets:
         if (target.effect, target.parameter) not in known:
@@ -317,16 +317,16 @@ def sensitivity_forms(
     along the fields (``residual along``). Those of the residual are for a fixed present state.
 
     Args:
-        model: As it is solved. The stress of its point frictions is held fixed here.
+        model: As it is solved. Its friction stresses are held fixed here.
         targets: The parameters.
         directions: The fields along which all changes.
     """
-    at_points = {f.term.effect.name: f for f in model.point_frictions}
+    at_points = {f.term.effect.name: f for f in model.friction_stresses}
     balance, test = model.balance, ufl.TestFunction(model.space)
     smooth = [t for t in balance.terms if t.effect.name not in at_points]
     lasting = [t for t in smooth if t.effect.dissipation or t.effect.memory]
     rated = [t for t in balance.terms if t.effect.dissipation]  # the power is that of the laws
-    losing = [f.term for f in model.point_frictions if f.term.effect.set_valued]
+    losing = [f.term for f in model.friction_stresses if f.term.effect.set_valued]
     losing += [t for t in balance.terms if t.effect.releases]
     everything = [(model.field, directions.now), *directions.others]
 

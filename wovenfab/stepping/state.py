@@ -132,7 +132,7 @@ class State:
         guessed = guess is not None and self._start_by(stage * (guess - self.states[0]))
         extrapolated = not guessed and self._extrapolate(stage * step, jump)
         if not program.prescribes_force(until):
-            result = self.solve_for(value, briefly=guessed)
+            result = self.solve_for(value, allow_fallback=not guessed)
             if guessed and not result.converged:
                 self._misled = until  # shorter steps would end at the same guess
                 self.restore()
@@ -151,17 +151,17 @@ class State:
         scale = max(abs(value), abs(self.before), program.largest_force)
         return self.force_control.solve(self, value, scale)
 
-    def solve_for(self, displacement: float, briefly: bool = False) -> SolveResult:
+    def solve_for(self, displacement: float, allow_fallback: bool = True) -> SolveResult:
         """Solve for the stage state of a step that ends at a displacement (m); collective.
 
         Args:
             displacement: Of the program, m.
-            briefly: There is another start to try.
+            allow_fallback: As of :meth:`EquilibriumSolver.solve`.
         """
         start, self.reached = self.displacement, displacement
         self._solver.problem.prescribe(start + self._scheme.stage * (displacement - start))
         self._model.last.x.array[:] = self.states[0]
-        return self._solver.solve(briefly)
+        return self._solver.solve(allow_fallback)
 
     def _guess(self, until: float, displacement: float) -> Array | None:
         """Return a state to start from: one that is given, or one that was there already."""

@@ -23,7 +23,7 @@ from wovenfab.case import Case, CaseError
 from wovenfab.case.formula import Expression, coefficients
 from wovenfab.case.objects import differentiate, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.parallel import by_first
+from wovenfab.parallel import compute_on_root
 from wovenfab.record.history import peak_force
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.sheet.sheet import Sheet
@@ -123,7 +123,7 @@ def _empty_cache(comm: MPI.Comm) -> Iterator[None]:
         folders.append(tempfile.TemporaryDirectory())
         return folders[0].name
 
-    os.environ["XDG_CACHE_HOME"] = by_first(comm, make)
+    os.environ["XDG_CACHE_HOME"] = compute_on_root(comm, make)
     try:
         yield
     finally:

@@ -63,7 +63,7 @@ def largest_stress(measurement: Measurement, step: Step) -> float:
     if step.number == 0:
         return 0.0
     balance = measurement.model.balance
-    frictions = measurement.equilibrium.problem.model.point_frictions
+    frictions = measurement.equilibrium.problem.model.friction_stresses
     here = [0.0]
     for one in frictions:
         strength = float(one.term.values["strength"].value)

@@ -19,7 +19,7 @@ from wovenfab.case import Case
 from wovenfab.case.objects import scheme_of, sheet_of
 from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
-from wovenfab.parallel import by_first
+from wovenfab.parallel import compute_on_root
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
@@ -206,7 +206,7 @@ class StepSearch:
         return self._made(partial(self._cheapest, target), meanwhile)
 
     def _made[T](self, make: Callable[[], T], meanwhile: Iterable[object] = ()) -> T:
-        return by_first(self._comm, make, meanwhile) if self._alone else make()
+        return compute_on_root(self._comm, make, meanwhile) if self._alone else make()
 
     @cached_property
     def _sheet(self) -> Sheet:
