@@ -98,7 +98,7 @@ def _measured(
     """Draw runs over a measured curve, say how far they are, and return a section with that."""
     from wovenfab.measured.curve import read_measured
     from wovenfab.report.fit import LAB, measured_figure
-    from wovenfab.report.page_blocks import Table, section, vector
+    from wovenfab.report.page_blocks import Table, picture, section
     from wovenfab.report.pages import labels
     from wovenfab.report.run_data import open_run_data
     from wovenfab.report.style import house_style, save
@@ -117,7 +117,7 @@ def _measured(
     said = "; ".join(f"{name}: {distance}" for name, distance in rows)
     caption = f"Computed forces (lines) over the measured ones of {lab.name} (points)."
     table = Table("Distance from the measured forces", ["run", "distance"], rows, numbers=False)
-    return section("Measured curve", lambda: [vector(figure, "lab", caption, said), table])
+    return section("Measured curve", lambda: [picture(figure, caption, said), table])
 
 
 def show_measured(path: Path, layout: Layout = EMPTY) -> int:

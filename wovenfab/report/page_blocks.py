@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
-from PIL import Image
 
 from wovenfab.plain_text import one_line
 from wovenfab.record.results import Provenance, write_whole
@@ -23,8 +22,9 @@ NONE = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
 #: Width on a page (rem) of an inch of a figure, so that all have letters of one size.
 REM = 7.2
-#: Resolution of pictures of fields.
+#: Resolution of pictures of fields (1/in).
 DPI = 170
+TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 #: Heading and SI unit of each column of cycles.csv that a page shows.
 COLUMNS: dict[str, tuple[str, str]] = {
     "peak_displacement_m": ("reversal at", "m"),
@@ -44,10 +44,19 @@ COLUMNS: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture, which has a text for screen readers, and its caption."""
+    """A picture.
 
-    image: Markup
+    Attributes:
+        uri: The file, as a data URI.
+        width: Width on the page (rem).
+        caption: What it shows.
+        says: What it says, for screen readers.
+    """
+
+    uri: str
+    width: float
     caption: str
+    says: str
     kind: str = field(default="picture", init=False)
 
 
@@ -100,38 +109,16 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
     return Section(title, blocks)
 
 
-def vector(figure: Figure, name: str, caption: str, says: str = "") -> Picture:
-    """Return a figure of curves as SVG, whose ids begin with a ``name`` unique on the page.
+def picture(figure: Figure, caption: str, says: str = "", kind: str = "svg") -> Picture:
+    """Return a figure of curves as SVG, or one of fields, which have many cells, as ``"png"``.
 
     What it ``says`` follows the caption for those who do not see it.
     """
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
-
-    def opening(tag: re.Match[str]) -> str:
-        style = f'style="width: {float(tag[2]) / 72 * REM:.1f}rem"'
-        return (
-            f'<svg role="img" aria-label="{escape(f"{caption} {says}".strip())}" {style} {tag[1]}'
-        )
-
-    svg = re.sub(r'<svg (.*?)width="([\d.]+)pt" height="[\d.]+pt"', opening, svg, count=1)
-    return Picture(Markup(svg), caption)
-
-
-def raster(figure: Figure, caption: str, says: str = "") -> Picture:
-    """Return a figure of fields as PNG inside the page; arguments as of ``vector``."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=DPI, facecolor="white", pil_kwargs={"optimize": True})
-    with Image.open(data) as picture:
-        wide = picture.width / DPI * REM
-    text = base64.b64encode(data.getvalue()).decode("ascii")
-    image = f'<img alt="{escape(f"{caption} {says}".strip())}" src="data:image/png;base64,{text}"'
-    return Picture(Markup(f'{image} style="width: {wide:.1f}rem">'), caption)
+    figure.savefig(data, format=kind, dpi=DPI, metadata={"Date": None})
+    wide = figure.get_tightbbox().width + 2 * mpl.rcParams["savefig.pad_inches"]
+    uri = f"data:{TYPES[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
+    return Picture(uri, wide * REM, caption, says)
 
 
 def cycle_table(rows: Sequence[Mapping[str, str]]) -> Table:

@@ -27,9 +27,8 @@ from wovenfab.report.page_blocks import (
     computation_table,
     cycle_table,
     grouped,
-    raster,
+    picture,
     section,
-    vector,
     write_page,
 )
 from wovenfab.report.run_data import (
@@ -48,7 +47,7 @@ PAGE, COMPARISON = "report.html", "comparison.html"
 
 
 @dataclass(frozen=True)
-class Run:
+class OpenedRun:
     """A results directory opened for a page; without fields, ``stored`` is None."""
 
     source: RunData
@@ -63,13 +62,13 @@ class Run:
         return "Finished." if outcome == FINISHED else f"Stopped early: {outcome}."
 
 
-def open_run(directory: str | Path) -> Run:
+def open_run(directory: str | Path) -> OpenedRun:
     """Return a run; fields that cannot be read count as missing. Raises as open_run_data."""
     try:
         stored = stored_of(Path(directory))
     except (OSError, UnreadableResultsError):  # an HDF5 file that is damaged
         stored = None
-    return Run(open_run_data(directory), stored)
+    return OpenedRun(open_run_data(directory), stored)
 
 
 def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
@@ -196,28 +195,29 @@ def _stability(summary: Mapping[str, Any]) -> list[str]:
     return losses + [f"{saddles} states are saddles: no sheet would stay on them."] * (saddles > 0)
 
 
-def _missing(run: Run) -> list[str]:
+def _missing(run: OpenedRun) -> list[str]:
     """Return a sentence about fields that cannot be read."""
     if run.stored is not None or not (run.source.directory / DATA).exists():
         return []
     return [f"There are no pictures of the sheet: {DATA} holds no fields that can be read."]
 
 
-def _sections(run: Run) -> Iterator[Section]:
+def _sections(run: OpenedRun) -> Iterator[Section]:
     source, stored = run.source, run.stored
     caption = "Force of the program against its displacement."
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loop(source), "loop", caption, in_words(source))],
+        lambda: [picture(curves.loop(source), caption, in_words(source))],
     )
     if source.cycles:
         yield section("Cycles", lambda: _cycles(source))
     yield section(
         "Program and energies",
         lambda: [
-            vector(curves.program(source), "program", "The program against time.", _way(source)),
-            vector(
-                *(curves.energies(source), "energies", "Energies by effect over time."),
+            picture(curves.program(source), "The program against time.", _way(source)),
+            picture(
+                curves.energies(source),
+                "Energies by effect over time.",
                 f"Stored: {_parts(source, 'energy')}. Dissipated: {_parts(source, 'dissipated')}.",
             ),
         ],
@@ -226,13 +226,17 @@ def _sections(run: Run) -> Iterator[Section]:
         yield section(
             "Sheet and yarns",
             lambda: [
-                raster(
-                    *(sheet.mesh(source, stored), "Mesh at rest, directions of the yarns."),
+                picture(
+                    sheet.mesh(source, stored),
+                    "Mesh at rest, directions of the yarns.",
                     f"{len(stored.corners())} triangles.",
+                    "png",
                 ),
-                raster(
-                    *(sheet.deformed(source, stored), "Sheet at its largest displacement."),
+                picture(
+                    sheet.deformed(source, stored),
+                    "Sheet at its largest displacement.",
                     f"The program is {largest(source, stored).words}.",
+                    "png",
                 ),
             ],
             lambda: _mode(source),
@@ -253,14 +257,14 @@ def _cycles(source: RunData) -> Sequence[Block]:
     lost = [f"cycle {i}: {quantity(c.dissipated, 'J')}" for i, c in shown]
     if len(shown) < len(source.cycles):
         caption += f" {len(shown)} of {len(source.cycles)} cycles are shown."
-    return [*table, vector(curves.losses(source), "losses", caption, f"{'; '.join(lost)}.")]
+    return [*table, picture(curves.losses(source), caption, f"{'; '.join(lost)}.")]
 
 
 def _mode(source: RunData) -> Sequence[Block]:
     lost = stored_of(source.directory, MODE)
     if lost is None:
         return []
-    return [raster(sheet.mode(source, lost), "How it buckles, at a size that shows.")]
+    return [picture(sheet.mode(source, lost), "How it buckles, at a size that shows.", kind="png")]
 
 
 def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
@@ -279,7 +283,7 @@ def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
         caption = f"The {FIELD_STYLES[name].label}{where}, to one scale."
         values = [panel.values for row in grid for panel in row]
         says = between(values, stored.units[name])
-        blocks.append(raster(panels(name, stored.units[name], grid), caption, says))
+        blocks.append(picture(panels(name, stored.units[name], grid), caption, says, "png"))
     return blocks
 
 
@@ -288,7 +292,7 @@ def _solver(source: RunData) -> Sequence[Block]:
     caption = "Newton iterations and length of each step; wall time by phase."
     if cut_backs:
         caption += f" {cut_backs} attempts did not converge and were cut back: shorter steps."
-    return [vector(curves.solver(source), "solver", caption)]
+    return [picture(curves.solver(source), caption)]
 
 
 def _case(source: RunData) -> Sequence[Block]:
@@ -297,24 +301,22 @@ def _case(source: RunData) -> Sequence[Block]:
     return [*([computation_table(source.summary)] if source.summary else []), *case]
 
 
-def _sections_of_several(runs: Mapping[str, Run]) -> Iterator[Section]:
+def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[Section]:
     named = [(name, run.source) for name, run in runs.items()]
     told = " ".join(f"{name}: {in_words(source)}" for name, source in named)
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loops(named), "loops", "Force of the program.", told)],
+        lambda: [picture(curves.loops(named), "Force of the program.", told)],
     )
     if any(source.cycles for _, source in named):
         caption = "Figures of the complete cycles, against their reversals."
-        yield section("Cycles", lambda: [vector(curves.cycle_figures(named), "cycles", caption)])
+        yield section("Cycles", lambda: [picture(curves.cycle_figures(named), caption)])
     energies = curves.energies_of_runs
-    yield section(
-        "Energies", lambda: [vector(energies(named), "energies", "All effects together.")]
-    )
+    yield section("Energies", lambda: [picture(energies(named), "All effects together.")])
     words = "Energy imbalance by the time steps, and the work of the solver."
     work = curves.imbalance_and_iterations
-    yield section("Solver", lambda: [vector(work(named), "work", words)])
+    yield section("Solver", lambda: [picture(work(named), words)])
     if any(run.stored is not None for run in runs.values()):
         yield section("Fields", lambda: _common_fields(runs))
 
@@ -335,7 +337,7 @@ def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
     return [Table("Differences of the cases", head, rows, numbers=False)] if rows else []
 
 
-def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
+def _common_fields(runs: Mapping[str, OpenedRun]) -> Sequence[Block]:
     shown = [(name, run.source, run.stored) for name, run in runs.items() if run.stored is not None]
     first = shown[0][2]
     common = [f for f in shown_fields(first) if all(f in stored.units for *_, stored in shown)]
@@ -345,7 +347,7 @@ def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
         rows = [cells[i : i + 2] for i in range(0, len(cells), 2)]
         caption = f"Each run at its largest displacement: {field.replace('_', ' ')}, to one scale."
         says = between([cell.values for cell in cells], first.units[field])
-        blocks.append(raster(panels(field, first.units[field], rows), caption, says))
+        blocks.append(picture(panels(field, first.units[field], rows), caption, says, "png"))
     return blocks
 
 

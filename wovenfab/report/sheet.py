@@ -158,7 +158,7 @@ def error(source: RunData, stored: StoredFields) -> Figure:
 def mesh(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: the cells at rest, and an arrow along each family."""
     cells = stored.corners() * MILLIMETRE.factor
-    wide, high = _size(np.ptp(cells.reshape(-1, 2), axis=0))
+    wide, high = figure_size(np.ptp(cells.reshape(-1, 2), axis=0))
     figure = Figure(figsize=(wide, high - 0.6))
     axes = figure.add_subplot(aspect="equal")
     thin = 0.6 if len(cells) < 3000 else 0.25
@@ -242,7 +242,7 @@ def _coloured(
     scale: Scale | None = None,
 ) -> Figure:
     """Return the figure of a displaced sheet with its yarns, coloured by values (SI), if any."""
-    figure = Figure(figsize=_size(np.ptp(sheet.points, axis=0)))
+    figure = Figure(figsize=figure_size(np.ptp(sheet.points, axis=0)))
     axes = figure.add_subplot(aspect="equal")
     if values is not None and scale is not None:
         painted = paint(axes, sheet, scale(values), scale.ramp, scale.norm)
@@ -255,7 +255,7 @@ def _coloured(
     return figure
 
 
-def _size(extent: Values) -> tuple[float, float]:
+def figure_size(extent: Values) -> tuple[float, float]:
     """Return a figure size (in) for the width and height of a sheet, with room for the key."""
     return WIDTH, float(np.clip(0.92 * WIDTH * extent[1] / extent[0] + 1.7, 2.2, 9.0))
 
