@@ -20,7 +20,7 @@ from wovenfab.record.history import ESSENTIAL, read_history
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
-from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
+from wovenfab.report.page_blocks import PageTable, PageText, cycle_table, section, write_page
 from wovenfab.report.pages import default_place, flat, labels, write_comparison, write_run_page
 from wovenfab.report.run_data import open_run_data
 
@@ -207,17 +207,19 @@ def test_a_loss_of_stability_is_told_and_shown(small: Path) -> None:
 
 
 def test_a_part_that_fails_says_why_and_costs_no_other() -> None:
-    def fails() -> list[Text]:
+    def fails() -> list[PageText]:
         raise ValueError("no <ink>\nleft")
 
-    found = section("Ink", lambda: [Text("before")], fails, lambda: [Text("after")])
-    said = [block.text for block in found.blocks if isinstance(block, Text)]
+    found = section("Ink", lambda: [PageText("before")], fails, lambda: [PageText("after")])
+    said = [block.text for block in found.blocks if isinstance(block, PageText)]
     assert said == ["before", "This part could not be drawn: no <ink> left", "after"]
 
 
 def test_what_users_write_is_text_and_nothing_else(tmp_path: Path) -> None:
     bad = "<script>alert('&')</script>"
-    sections = [section(bad, lambda: [Text(bad, verbatim=True), Table(bad, [bad], [[bad, bad]])])]
+    sections = [
+        section(bad, lambda: [PageText(bad, verbatim=True), PageTable(bad, [bad], [[bad, bad]])])
+    ]
     origin = Provenance(bad, bad)
     page = write_page(tmp_path / "p.html", bad, [bad], [(bad, bad)], sections, origin).read_text()
     assert "<script" not in page

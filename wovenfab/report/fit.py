@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from wovenfab.measured.curve import Measured
 from wovenfab.record.results import this_process, write_whole
-from wovenfab.report.page_blocks import Block, Section, Table, picture, section, write_page
+from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
     INK,
@@ -155,7 +155,7 @@ def measured_figure(
     return figure, [(name, words) for name, _, _, words in found]
 
 
-def _sections(fit: Fit, found: Found, known: Knowledge) -> list[Section]:
+def _sections(fit: Fit, found: Found, known: Knowledge) -> list[PageSection]:
     def drawn(wide: float, high: float, draw: Callable[..., None], *what: Any) -> Figure:
         figure = Figure(figsize=(wide, high))
         draw(figure.subplots(), *what)
@@ -292,7 +292,7 @@ def draw_trials(axes: Axes, found: Found) -> None:
     axes.legend(fontsize=7)
 
 
-def interval_table(known: Knowledge) -> Table:
+def interval_table(known: Knowledge) -> PageTable:
     """Return the table of parameters with their intervals."""
     rows = [
         [i.name, _shown(i.value, i.unit),
@@ -300,20 +300,22 @@ def interval_table(known: Knowledge) -> Table:
          "yes" if i.determined else "no"]
         for i in known.intervals
     ]  # fmt: skip
-    return Table("Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows)
+    return PageTable(
+        "Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows
+    )
 
 
-def singular_table(fit: Fit, known: Knowledge) -> Table:
+def singular_table(fit: Fit, known: Knowledge) -> PageTable:
     """Return the table of singular values with the combination of parameters of each."""
     rows = [
         [f"{s:.3g}", *(f"{part:+.2f}" for part in np.ravel(direction))]
         for s, direction in zip(known.singular_values, known.directions, strict=True)
     ]
     head = ["singular value", *(u.name for u in fit.unknowns)]
-    return Table("Combinations of parameters, the best known first", head, rows)
+    return PageTable("Combinations of parameters, the best known first", head, rows)
 
 
-def trial_table(fit: Fit, found: Found) -> Table:
+def trial_table(fit: Fit, found: Found) -> PageTable:
     """Return the table of trials."""
     rows = [
         [f"{t.number}", f"{t.scale:g}",
@@ -328,7 +330,7 @@ def trial_table(fit: Fit, found: Found) -> Table:
         "misfit (%)",
         "time (s)",
     ]
-    return Table("Trials", head, rows)
+    return PageTable("Trials", head, rows)
 
 
 def _shown(value: float, unit: str) -> str:

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 
 from wovenfab.plain_text import one_line
 from wovenfab.record.results import Provenance, write_whole
-from wovenfab.report.style import DEGREE, MAKER, Unit, house_style, readable
+from wovenfab.report.style import DEGREE, MAKER, Unit, house_style, readable, seconds
 
 NONE = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
@@ -61,7 +61,7 @@ class Picture:
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table of texts: the first column is a heading, the others are numbers or not."""
 
     caption: str
@@ -72,7 +72,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Text:
+class PageText:
     """A paragraph, or the content of a file if it is ``verbatim``."""
 
     text: str
@@ -80,11 +80,11 @@ class Text:
     kind: str = field(default="text", init=False)
 
 
-Block = Picture | Table | Text
+Block = Picture | PageTable | PageText
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A titled part of a page."""
 
     title: str
@@ -96,7 +96,7 @@ class Section:
         return re.sub(r"\W+", "-", self.title.lower())
 
 
-def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
+def section(title: str, *makers: Callable[[], Sequence[Block]]) -> PageSection:
     """Return a section; a part that cannot be drawn becomes a text with the reason."""
     blocks: list[Block] = []
     for make in makers:
@@ -105,8 +105,8 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
                 blocks += make()
         except Exception as error:  # a page of a broken run shows what there is
             reason = one_line(str(error)) or type(error).__name__
-            blocks.append(Text(f"This part could not be drawn: {reason}"))
-    return Section(title, blocks)
+            blocks.append(PageText(f"This part could not be drawn: {reason}"))
+    return PageSection(title, blocks)
 
 
 def picture(figure: Figure, caption: str, says: str = "", kind: str = "svg") -> Picture:
@@ -121,7 +121,7 @@ def picture(figure: Figure, caption: str, says: str = "", kind: str = "svg") -> 
     return Picture(uri, wide * REM, caption, says)
 
 
-def cycle_table(rows: Sequence[Mapping[str, str]]) -> Table:
+def cycle_table(rows: Sequence[Mapping[str, str]]) -> PageTable:
     """Return the table of cycles from the rows of ``cycles.csv``, one at least."""
     known = [name for name in COLUMNS if name in rows[0]]
     columns = [_column(*COLUMNS[name], [row[name] for row in rows]) for name in known]
@@ -129,13 +129,15 @@ def cycle_table(rows: Sequence[Mapping[str, str]]) -> Table:
     head = ["cycle", *(title for title, _ in columns)]
     body = [[n, *cells] for n, *cells in zip(numbers, *(c for _, c in columns), strict=True)]
     unfinished = any(number.endswith("*") for number in numbers)
-    return Table("Figures of each cycle" + (" (* not finished)" if unfinished else ""), head, body)
+    return PageTable(
+        "Figures of each cycle" + (" (* not finished)" if unfinished else ""), head, body
+    )
 
 
-def computation_table(summary: Mapping[str, Any]) -> Table:
+def computation_table(summary: Mapping[str, Any]) -> PageTable:
     """Return the table of the computation, from ``summary.json``."""
     iterations = summary["newton_iterations"]
-    seconds = summary["wall_time_s"]
+    spent = summary["wall_time_s"]
     rows = [
         ("command", summary.get("command") or NONE),
         ("commit", summary.get("commit") or NONE),
@@ -144,9 +146,9 @@ def computation_table(summary: Mapping[str, Any]) -> Table:
         ("unknowns", grouped(summary["unknowns"])),
         ("steps", f"{summary['steps']}, {summary['cut_backs']} cut back"),
         ("Newton iterations", f"{iterations['total']}, at most {iterations['worst'] or 0} a step"),
-        ("wall time", ", ".join(f"{phase} {value:.2g} s" for phase, value in seconds.items())),
+        ("wall time", ", ".join(f"{phase} {seconds(value)}" for phase, value in spent.items())),
     ]
-    return Table("Computation", (), rows, numbers=False)
+    return PageTable("Computation", (), rows, numbers=False)
 
 
 def grouped(number: int) -> str:
@@ -159,7 +161,7 @@ def write_page(
     title: str,
     notes: Sequence[str],
     figures: Sequence[tuple[str, str]],
-    sections: Sequence[Section],
+    sections: Sequence[PageSection],
     origin: Provenance,
 ) -> Path:
     """Write a page; return ``path``.

@@ -21,9 +21,9 @@ from wovenfab.report import curves, sheet
 from wovenfab.report.page_blocks import (
     NONE,
     Block,
-    Section,
-    Table,
-    Text,
+    PageSection,
+    PageTable,
+    PageText,
     computation_table,
     cycle_table,
     grouped,
@@ -41,7 +41,7 @@ from wovenfab.report.run_data import (
     stored_of,
 )
 from wovenfab.report.sheet import Panel, panels, sheet_at
-from wovenfab.report.style import DEGREE, FIELD_STYLES, Values, quantity, shown_fields
+from wovenfab.report.style import DEGREE, FIELD_STYLES, Values, quantity, seconds, shown_fields
 
 PAGE, COMPARISON = "report.html", "comparison.html"
 
@@ -71,7 +71,7 @@ def open_run(directory: str | Path) -> OpenedRun:
     return OpenedRun(open_run_data(directory), stored)
 
 
-def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
+def write_run_page(directory: str | Path, more: Sequence[PageSection] = ()) -> Path:
     """Write ``report.html``, with more sections first, and return its path.
 
     Raises:
@@ -90,7 +90,9 @@ def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
     )
 
 
-def write_comparison(directories: Sequence[Path], path: Path, more: Sequence[Section] = ()) -> Path:
+def write_comparison(
+    directories: Sequence[Path], path: Path, more: Sequence[PageSection] = ()
+) -> Path:
     """Write the page of two or more runs, with more sections first, and return its path.
 
     Raises:
@@ -135,7 +137,7 @@ def headline(source: RunData) -> list[tuple[str, str]]:
         ("worst imbalance", f"{100 * worst / work:.2g} % of the work" if work else ""),
         ("unknowns", grouped(summary["unknowns"]) if summary else ""),
         ("steps", f"{len(history['step']) - 1}"),
-        ("wall time", f"{sum(summary['wall_time_s'].values()):.3g} s" if summary else ""),
+        ("wall time", seconds(sum(summary["wall_time_s"].values())) if summary else ""),
     ]
     return [(name, value) for name, value in figures if value]
 
@@ -202,7 +204,7 @@ def _missing(run: OpenedRun) -> list[str]:
     return [f"There are no pictures of the sheet: {DATA} holds no fields that can be read."]
 
 
-def _sections(run: OpenedRun) -> Iterator[Section]:
+def _sections(run: OpenedRun) -> Iterator[PageSection]:
     source, stored = run.source, run.stored
     caption = "Force of the program against its displacement."
     yield section(
@@ -297,11 +299,11 @@ def _solver(source: RunData) -> Sequence[Block]:
 
 def _case(source: RunData) -> Sequence[Block]:
     path = source.directory / "case.yaml"
-    case = [Text(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
+    case = [PageText(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
     return [*([computation_table(source.summary)] if source.summary else []), *case]
 
 
-def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[Section]:
+def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[PageSection]:
     named = [(name, run.source) for name, run in runs.items()]
     told = " ".join(f"{name}: {in_words(source)}" for name, source in named)
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
@@ -321,11 +323,11 @@ def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[Section]:
         yield section("Fields", lambda: _common_fields(runs))
 
 
-def _overview(named: Sequence[curves.Named]) -> Table:
+def _overview(named: Sequence[curves.Named]) -> PageTable:
     figures = {name: dict(headline(source)) for name, source in named}
     heads = list(dict.fromkeys(head for values in figures.values() for head in values))
     rows = [[name, *(values.get(h, NONE) for h in heads)] for name, values in figures.items()]
-    return Table("Figures of the runs", ["run", *heads], rows)
+    return PageTable("Figures of the runs", ["run", *heads], rows)
 
 
 def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
@@ -334,7 +336,7 @@ def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
     differing = [key for key in keys if len({case.get(key, NONE) for case in cases}) > 1]
     rows = [[key, *(case.get(key, NONE) for case in cases)] for key in differing]
     head = ["key of the case", *(name for name, _ in named)]
-    return [Table("Differences of the cases", head, rows, numbers=False)] if rows else []
+    return [PageTable("Differences of the cases", head, rows, numbers=False)] if rows else []
 
 
 def _common_fields(runs: Mapping[str, OpenedRun]) -> Sequence[Block]:

@@ -26,7 +26,7 @@ from wovenfab.record.results import Provenance, write_whole
 from wovenfab.record.summary import window
 from wovenfab.report import sheet
 from wovenfab.report.curves import force_axes, loop, path
-from wovenfab.report.page_blocks import Section
+from wovenfab.report.page_blocks import PageSection
 from wovenfab.report.run_data import (
     RunData,
     largest,
@@ -90,7 +90,7 @@ def picture_of(
     return make
 
 
-def draw_page(folder: Path, more: Sequence[Section] = ()) -> list[Path]:
+def draw_page(folder: Path, more: Sequence[PageSection] = ()) -> list[Path]:
     """Write the page of the run, with more sections first."""
     from wovenfab.report.pages import write_run_page
 

@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from math import degrees
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -60,7 +61,7 @@ class Unit:
 
 
 MILLIMETRE = Unit("mm", 1e3)
-DEGREE = Unit("°", 57.29577951308232)
+DEGREE = Unit("°", degrees(1.0))
 DISPLACEMENT = f"displacement ({MILLIMETRE.name})"
 
 
@@ -125,6 +126,11 @@ def quantity(value: float, unit: str) -> str:
     shown = readable(unit, value)
     number = f"{value * shown.factor:.3g}".replace("-", "\N{MINUS SIGN}")
     return f"{number}\N{NO-BREAK SPACE}{shown.name}"
+
+
+def seconds(value: float) -> str:
+    """Return a time with two digits, long ones without an exponent, ``240 s``."""
+    return f"{float(f'{value:.2g}'):g} s"
 
 
 def millimetres(value: float) -> str:
