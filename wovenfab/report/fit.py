@@ -272,7 +272,8 @@ def draw_correlations(axes: Axes, known: Knowledge) -> None:
     axes.set_yticks(range(len(names)), names)
     axes.grid(visible=False)
     for (row, column), value in np.ndenumerate(known.correlations.astype(object)):
-        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7)
+        shade = "white" if abs(value) > 0.6 else INK  # on a dark ground, on a pale one
+        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=shade)
     axes.figure.colorbar(image, ax=axes, shrink=0.8)
 
 
