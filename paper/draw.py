@@ -23,7 +23,7 @@ from wovenfab.record.summary import window
 from wovenfab.report.curves import program
 from wovenfab.report.pictures import animate
 from wovenfab.report.run_data import largest, open_run_data
-from wovenfab.report.sheet import Sheet, draw_outline, draw_yarns, paint, sheet_at
+from wovenfab.report.sheet import DisplacedSheet, draw_outline, draw_yarns, paint, sheet_at
 from wovenfab.report.style import (
     APART,
     DASHES,
@@ -162,7 +162,7 @@ _BAR = 100
 @dataclass(frozen=True)
 class _Picture:
     panel: Panel
-    sheet: Sheet
+    sheet: DisplacedSheet
     values: NDArray[np.float64]
     unit: str
     when: str
@@ -227,7 +227,7 @@ def _scale(figure: PaperFigure, results: Results) -> Scale:
     return scale
 
 
-def _extent(sheet: Sheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _extent(sheet: DisplacedSheet) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the lowest and the highest coordinates (m) of the sheet at rest and moved."""
     places = np.concatenate([sheet.mesh.points, sheet.mesh.points + sheet.mean])
     return places.min(axis=0) - 0.005, places.max(axis=0) + 0.005

@@ -18,7 +18,7 @@ from paper.measures import WAY, Profile, across, index_at_largest, profile, samp
 from wovenfab.case import Rectangle
 from wovenfab.record.fields import read_fields
 from wovenfab.report.run_data import open_run_data
-from wovenfab.report.sheet import Sheet, lines, paint, sheet_at
+from wovenfab.report.sheet import DisplacedSheet, lines, paint, sheet_at
 from wovenfab.report.style import (
     APART,
     DASHES,
@@ -238,7 +238,7 @@ def yarns(campaign: Campaign, results: Results) -> Figure:
     return figure
 
 
-def _sheet(results: Results, run: str) -> tuple[Sheet, Values]:
+def _sheet(results: Results, run: str) -> tuple[DisplacedSheet, Values]:
     """Return the sheet of a run at its largest displacement, and beta (m) on it."""
     source = open_run_data(results.directory / run)
     stored = read_fields(source.directory)
@@ -246,7 +246,7 @@ def _sheet(results: Results, run: str) -> tuple[Sheet, Values]:
     return sheet_at(source, stored, index), stored.field("beta", index)
 
 
-def _moved(sheet: Sheet, rest: Rectangle) -> Values:
+def _moved(sheet: DisplacedSheet, rest: Rectangle) -> Values:
     """Return where the place is now (m) at which the yarn through the corner is crossed."""
     place, _, line = across(rest)
     beside = (place - 1e-4 * line)[None]
@@ -254,14 +254,14 @@ def _moved(sheet: Sheet, rest: Rectangle) -> Values:
     return np.asarray(place + np.array(moved), dtype=np.float64)
 
 
-def _inside(sheet: Sheet, window: Values) -> NDArray[np.bool_]:
+def _inside(sheet: DisplacedSheet, window: Values) -> NDArray[np.bool_]:
     """Return which points of a sheet are now in a window (m)."""
     places = sheet.mesh.points + sheet.mean
     inside: NDArray[np.bool_] = ((places > window[0]) & (places < window[1])).all(axis=1)
     return inside
 
 
-def _draw_lines(axes: Axes, sheet: Sheet, rest: Rectangle) -> None:
+def _draw_lines(axes: Axes, sheet: DisplacedSheet, rest: Rectangle) -> None:
     """Draw yarns of family 1, and what lay straight across them at rest and moves with them."""
     assert sheet.fibres is not None
     slid, mesh = sheet.families[0], sheet.mesh

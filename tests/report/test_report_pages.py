@@ -2,6 +2,7 @@
 
 import json
 import re
+from base64 import b64decode
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -19,7 +20,7 @@ from wovenfab.record.history import ESSENTIAL, read_history
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
-from wovenfab.report.page_blocks import Table, Text, cycle_table, section, write_page
+from wovenfab.report.page_blocks import PageTable, PageText, cycle_table, section, write_page
 from wovenfab.report.pages import default_place, flat, labels, write_comparison, write_run_page
 from wovenfab.report.run_data import open_run_data
 
@@ -49,8 +50,21 @@ class Reader(HTMLParser):
                 self.links.append(value or "")
             elif name == "id":
                 self.ids.append(value or "")
-            elif name in ("alt", "aria-label"):
+            elif name == "alt":
                 self.spoken.append(value or "")
+
+    @property
+    def curves(self) -> list[ET.Element]:
+        """What the SVG pictures hold."""
+        start = "data:image/svg+xml;base64,"
+        texts = [b64decode(uri[len(start) :]) for uri in self.fetched if uri.startswith(start)]
+        return [ET.fromstring(text) for text in texts]
+
+    @property
+    def kinds(self) -> tuple[int, int]:
+        """Number of SVG pictures and of PNG pictures."""
+        png = sum(uri.startswith("data:image/png;base64,") for uri in self.fetched)
+        return len(self.curves), png
 
     def handle_data(self, data: str) -> None:
         """Note a text."""
@@ -78,7 +92,11 @@ def page(two_cycles: Path) -> str:
 
 def require_self_contained(page: str) -> Reader:
     reader = Reader(page)
-    assert all(source.startswith("data:image/png;base64,") for source in reader.fetched)
+    assert sum(reader.kinds) == len(reader.fetched)
+    for svg in reader.curves:
+        referred = [v for e in svg.iter() for k, v in e.attrib.items() if k.endswith("href")]
+        assert all(link.startswith(("#", "data:")) for link in referred)
+        assert not re.search(r"@import|url\((?!#)|<script", ET.tostring(svg, "unicode"))
     assert all(link.startswith("#") for link in reader.links)
     assert {link[1:] for link in reader.links} <= set(reader.ids)
     assert len(set(reader.ids)) == len(reader.ids)
@@ -89,8 +107,7 @@ def require_self_contained(page: str) -> Reader:
 
 def test_a_page_needs_no_other_file_and_no_network(page: str) -> None:
     reader = require_self_contained(page)
-    pictures = reader.tags.count("img") + reader.tags.count("svg")
-    assert len(reader.spoken) == pictures == reader.tags.count("figure")
+    assert len(reader.spoken) == reader.tags.count("img") == reader.tags.count("figure")
     assert all(reader.spoken)
 
 
@@ -99,15 +116,14 @@ def test_a_page_shows_every_part_of_a_run(page: str) -> None:
     for title in ("Force against", "Cycles", "energies", "Sheet and", "Fields", "Solver", "Case"):
         assert title in reader.text
     # loop, program, energies, losses, solver; mesh, deformed, 2 x family fields, beta, gamma
-    assert (reader.tags.count("svg"), reader.tags.count("img")) == (5, 8)
+    assert reader.kinds == (5, 8)
     assert "could not be drawn" not in reader.text
     assert "Finished." in reader.text
     assert CASE.splitlines()[1] in reader.text
 
 
 def test_its_curves_are_well_formed_and_tell_their_axes(page: str) -> None:
-    drawn = [ET.fromstring(svg) for svg in re.findall(r"<svg.*?</svg>", page, re.S)]
-    said = " ".join(text for svg in drawn for text in svg.itertext())
+    said = " ".join(text for svg in Reader(page).curves for text in svg.itertext())
     for label in ("displacement (mm)", "force (N)", "velocity (mm/s)", "Newton iterations"):
         assert label in said
 
@@ -194,17 +210,19 @@ def test_a_loss_of_stability_is_told_and_shown(small: Path) -> None:
 
 
 def test_a_part_that_fails_says_why_and_costs_no_other() -> None:
-    def fails() -> list[Text]:
+    def fails() -> list[PageText]:
         raise ValueError("no <ink>\nleft")
 
-    found = section("Ink", lambda: [Text("before")], fails, lambda: [Text("after")])
-    said = [block.text for block in found.blocks if isinstance(block, Text)]
+    found = section("Ink", lambda: [PageText("before")], fails, lambda: [PageText("after")])
+    said = [block.text for block in found.blocks if isinstance(block, PageText)]
     assert said == ["before", "This part could not be drawn: no <ink> left", "after"]
 
 
 def test_what_users_write_is_text_and_nothing_else(tmp_path: Path) -> None:
     bad = "<script>alert('&')</script>"
-    sections = [section(bad, lambda: [Text(bad, verbatim=True), Table(bad, [bad], [[bad, bad]])])]
+    sections = [
+        section(bad, lambda: [PageText(bad, verbatim=True), PageTable(bad, [bad], [[bad, bad]])])
+    ]
     origin = Provenance(bad, bad)
     page = write_page(tmp_path / "p.html", bad, [bad], [(bad, bad)], sections, origin).read_text()
     assert "<script" not in page
@@ -215,11 +233,10 @@ def test_several_runs_lie_over_each_other(two_cycles: Path, tmp_path: Path) -> N
     other = make(tmp_path / "bonded", [0.03], placements=1, every=40, title="Bonded")
     path = write_comparison([two_cycles, other], tmp_path / "both.html")
     reader = require_self_contained(path.read_text())
-    assert (reader.tags.count("svg"), reader.tags.count("img")) == (4, 1)  # gamma only is common
+    assert reader.kinds == (4, 1)  # gamma only is common
     assert "could not be drawn" not in reader.text
     assert "title Bias extension 1:3, made from formulas Bonded" in reader.text
-    svg = ET.fromstring(re.findall(r"<svg.*?</svg>", path.read_text(), re.S)[0])
-    assert {"slip", "bonded"} <= {text.strip() for text in svg.itertext()}
+    assert {"slip", "bonded"} <= {text.strip() for text in reader.curves[0].itertext()}
 
 
 def test_runs_without_cycles_and_fields_are_compared(tmp_path: Path) -> None:
@@ -228,7 +245,7 @@ def test_runs_without_cycles_and_fields_are_compared(tmp_path: Path) -> None:
         (directory / "summary.json").unlink()
         (directory / "fields.h5").unlink()
     reader = require_self_contained(write_comparison(results, tmp_path / "p.html").read_text())
-    assert reader.tags.count("svg") == 3
+    assert reader.kinds == (3, 0)
     assert "a: Not finished" in reader.text
 
 

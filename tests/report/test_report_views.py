@@ -12,7 +12,7 @@ from tests.report.sample import make, mesh, on_lattices
 from wovenfab.record.fields import FieldSeries, StoredFields, read_fields
 from wovenfab.report.curves import cycle_figures, energies, loops, losses, parts, solver
 from wovenfab.report.run_data import key_times, largest, open_run_data
-from wovenfab.report.style import house_style, main_field, scale_of
+from wovenfab.report.style import house_style, main_field, scale_of, seconds
 from wovenfab.sheet.output_nodes import OutputNodes
 
 
@@ -159,6 +159,11 @@ def test_the_solver_shows_every_step(small: Path) -> None:
         length.lines[0].get_ydata() * 1e-3, np.diff(source.history["time_s"])
     )
     assert [text.get_text() for text in phases.get_yticklabels()] == ["steps"]
+
+
+def test_the_time_of_a_long_run_has_no_exponent() -> None:
+    times = (0.01234, 9.87, 244.3, 7_262.0, 86_400.0)
+    assert [seconds(time) for time in times] == ["0.012 s", "9.9 s", "240 s", "7300 s", "86000 s"]
 
 
 def test_an_overlay_has_a_line_for_each_run(two: Path, small: Path) -> None:

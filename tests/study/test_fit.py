@@ -321,7 +321,7 @@ def test_the_command_writes_page_picture_result_and_the_fitted_case(tmp_path: Pa
         assert result["parameters"][name]["low"] <= value <= result["parameters"][name]["high"]
     fitted = read_case(tmp_path / "out" / "case.yaml")
     assert fitted.effects["shear"]["stiffness"] == result["parameters"]["shear.stiffness"]["value"]
-    assert "<svg" in (tmp_path / "out" / "fit.html").read_text()
+    assert "data:image/svg+xml;base64," in (tmp_path / "out" / "fit.html").read_text()
     assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
     refused = wovenfab("fit", "x.yaml", cwd=tmp_path)
     assert refused.returncode == 2 and "there is no such file" in refused.stderr

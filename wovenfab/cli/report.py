@@ -11,7 +11,7 @@ from wovenfab.cli.console import BAD_INPUT, Console
 from wovenfab.measured.layout import EMPTY, Layout
 
 if TYPE_CHECKING:
-    from wovenfab.report.page_blocks import Section
+    from wovenfab.report.page_blocks import PageSection
 
 #: Results are whole, but something of the report could not be drawn.
 NOT_DRAWN = 1
@@ -74,7 +74,7 @@ def _lacks_results(console: Console, directories: Sequence[Path]) -> bool:
 
 
 def _report(
-    console: Console, directory: Path, animation: bool, more: Sequence[Section] = ()
+    console: Console, directory: Path, animation: bool, more: Sequence[PageSection] = ()
 ) -> int:
     from wovenfab.report.pictures import MAKERS, REPORT, ReportError, draw, draw_page
 
@@ -94,11 +94,11 @@ def _report(
 
 def _measured(
     console: Console, directories: Sequence[Path], lab: Path, layout: Layout, folder: Path
-) -> Section:
+) -> PageSection:
     """Draw runs over a measured curve, say how far they are, and return a section with that."""
     from wovenfab.measured.curve import read_measured
     from wovenfab.report.fit import LAB, measured_figure
-    from wovenfab.report.page_blocks import Table, section, vector
+    from wovenfab.report.page_blocks import PageTable, picture, section
     from wovenfab.report.pages import labels
     from wovenfab.report.run_data import open_run_data
     from wovenfab.report.style import house_style, save
@@ -116,8 +116,8 @@ def _measured(
     console.say(str(path))
     said = "; ".join(f"{name}: {distance}" for name, distance in rows)
     caption = f"Computed forces (lines) over the measured ones of {lab.name} (points)."
-    table = Table("Distance from the measured forces", ["run", "distance"], rows, numbers=False)
-    return section("Measured curve", lambda: [vector(figure, "lab", caption, said), table])
+    table = PageTable("Distance from the measured forces", ["run", "distance"], rows, numbers=False)
+    return section("Measured curve", lambda: [picture(figure, caption, said), table])
 
 
 def show_measured(path: Path, layout: Layout = EMPTY) -> int:

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from wovenfab.record.summary import Cycle, window
 from wovenfab.report.run_data import RunData, spread
@@ -22,15 +21,16 @@ from wovenfab.report.style import (
     QUIET,
     WIDTH,
     Unit,
+    Values,
     millimetres,
     readable,
+    seconds,
     sequence,
     zero_line,
 )
 
 #: Of more cycles, pictures show some one by one: nobody could tell them apart.
 MOST_CYCLES = 32
-Values = NDArray[np.float64]
 History = Mapping[str, Values]
 #: A run with the name by which readers know it.
 Named = tuple[str, RunData]
@@ -189,13 +189,13 @@ def solver(source: RunData) -> Figure:
         axes.set_ylim(bottom=0)
         axes.set(xlabel="step", ylabel=label)
     left.yaxis.get_major_locator().set_params(integer=True)
-    seconds: Mapping[str, float] = source.summary.get("wall_time_s", {})
-    shown = {k: v for k, v in seconds.items() if v >= 0.005 * sum(seconds.values())}
+    spent: Mapping[str, float] = source.summary.get("wall_time_s", {})
+    shown = {k: v for k, v in spent.items() if v >= 0.005 * sum(spent.values())}
     bars = right.barh(list(shown), list(shown.values()), 0.6, color=APART[0])
-    right.bar_label(bars, fmt="%.2g", padding=2, fontsize=8)
+    right.bar_label(bars, [seconds(value) for value in shown.values()], padding=2, fontsize=8)
     right.set_xlabel("wall time (s)")
     right.grid(axis="y", visible=False)
-    right.margins(x=0.18)
+    right.margins(x=0.25)
     right.invert_yaxis()
     return figure
 

@@ -15,12 +15,11 @@ from wovenfab.lacking import load
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.results import rows_of, write_csv
 from wovenfab.report.run_data import RunData, origin_of
-from wovenfab.report.sheet import lines
+from wovenfab.report.sheet import figure_size, lines
 from wovenfab.report.style import (
     INK,
     MILLIMETRE,
     QUIET,
-    WIDTH,
     Scale,
     Values,
     colour_bar,
@@ -196,8 +195,7 @@ def draw_distances(found: Distances, source: RunData, stored: StoredFields, word
     sizes = found.sizes * unit.factor
     norm = Normalize(0.0, float(sizes.max()) or 1.0)
     scale = Scale(f"distance of displacements ({unit.name})", unit.factor, fill(), norm, "neither")
-    wide, high = np.ptp(stored.points(), axis=0)
-    figure = Figure(figsize=(WIDTH, float(np.clip(0.92 * WIDTH * high / wide + 1.7, 2.2, 9.0))))
+    figure = Figure(figsize=figure_size(np.ptp(stored.points(), axis=0)))
     axes = figure.add_subplot(aspect="equal")
     x, y = found.points.T * MILLIMETRE.factor
     dots = axes.scatter(

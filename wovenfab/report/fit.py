@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from math import isfinite
 from pathlib import Path
@@ -17,10 +17,9 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 
 from wovenfab.measured.curve import Measured
 from wovenfab.record.results import this_process, write_whole
-from wovenfab.report.page_blocks import Block, Section, Table, section, vector, write_page
+from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
-    APART,
     INK,
     QUIET,
     WIDTH,
@@ -141,7 +140,7 @@ def measured_figure(
     plain = measured.file.name.replace("$", r"\$")  # no formula
     upper.plot(*shown, "o", color=QUIET, markersize=3, zorder=3, label=plain)
     for i, (name, run, comparison, _) in enumerate(found):
-        colour = APART[i % len(APART)]
+        colour = f"C{i}"
         label = f"{name}: {100 * comparison.misfit:.2f} %" if comparison else name
         u, f = 1e3 * run.history["displacement_m"], unit.factor * run.history["force_N"]
         upper.plot(u, f, color=colour, label=label)
@@ -156,29 +155,32 @@ def measured_figure(
     return figure, [(name, words) for name, _, _, words in found]
 
 
-def _sections(fit: Fit, found: Found, known: Identifiability) -> list[Section]:
+def _sections(fit: Fit, found: Found, known: Identifiability) -> list[PageSection]:
+    def drawn(wide: float, high: float, draw: Callable[..., None], *what: Any) -> Figure:
+        figure = Figure(figsize=(wide, high))
+        draw(figure.subplots(), *what)
+        return figure
+
     def curves() -> list[Block]:
         figure = Figure(figsize=(WIDTH, 0.75 * WIDTH))
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
         draw_curves(upper, fit, found.evaluation)
         draw_distances(lower, fit, found.evaluation)
         upper.set_xlabel("")
-        return [vector(figure, "curves", "Measured (points) and computed force (lines)")]
+        return [picture(figure, "Measured (points) and computed force (lines)")]
 
     def parameters() -> list[Block]:
-        figure = Figure(figsize=(0.7 * WIDTH, 0.6 + 0.35 * len(known.intervals)))
-        draw_intervals(figure.subplots(), known.intervals)
-        return [interval_table(known), vector(figure, "intervals", "Intervals of 95 %")]
+        high = 0.6 + 0.35 * len(known.intervals)
+        figure = drawn(0.7 * WIDTH, high, draw_intervals, known.intervals)
+        return [interval_table(known), picture(figure, "Intervals of 95 %")]
 
     def correlations() -> list[Block]:
-        figure = Figure(figsize=(0.6 * WIDTH, 0.5 * WIDTH))
-        draw_correlations(figure.subplots(), known)
-        return [vector(figure, "correlations", "Correlations"), singular_table(fit, known)]
+        figure = drawn(0.6 * WIDTH, 0.5 * WIDTH, draw_correlations, known)
+        return [picture(figure, "Correlations"), singular_table(fit, known)]
 
     def trials() -> list[Block]:
-        figure = Figure(figsize=(0.7 * WIDTH, 0.35 * WIDTH))
-        draw_trials(figure.subplots(), found)
-        return [vector(figure, "trials", "Misfit of each trial"), trial_table(fit, found)]
+        figure = drawn(0.7 * WIDTH, 0.35 * WIDTH, draw_trials, found)
+        return [picture(figure, "Misfit of each trial"), trial_table(fit, found)]
 
     return [
         section("Curves", curves),
@@ -202,7 +204,7 @@ def _profiles(fit: Fit, profiles: Sequence[Profile]) -> Block:
             plain_ticks(axes.xaxis)
         axes.set_xlabel(f"{one.name} ({units[one.name].unit})")
         axes.set_ylabel("rise (1 at 95 %)")
-    return vector(figure, "profiles", "Sum of squares for fixed values, all others found anew")
+    return picture(figure, "Sum of squares for fixed values, all others found anew")
 
 
 def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
@@ -210,7 +212,7 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     unit = readable("N", max(float(np.abs(test.measured.force).max()) for test in fit.tests))
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
     for i, (test, c) in enumerate(pairs):
-        measured, colour = test.measured, APART[i % len(APART)]
+        measured, colour = test.measured, f"C{i}"
         x, y = 1e3 * measured.displacement, unit.factor * measured.force
         axes.plot(x, y, "o", color=QUIET, markersize=3, markerfacecolor="none")
         axes.plot(x[c.rows], unit.factor * c.force, color=colour, label=measured.file.stem)
@@ -225,7 +227,7 @@ def draw_distances(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     for i, (test, c) in enumerate(pairs):
         share = 100 * c.shares
         x = 1e3 * test.measured.displacement[c.rows]
-        axes.plot(x, share, ".-", color=APART[i % len(APART)], linewidth=0.8, markersize=3)
+        axes.plot(x, share, ".-", color=f"C{i}", linewidth=0.8, markersize=3)
     zero_line(axes)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel("distance (%)")
@@ -270,7 +272,8 @@ def draw_correlations(axes: Axes, known: Identifiability) -> None:
     axes.set_yticks(range(len(names)), names)
     axes.grid(visible=False)
     for (row, column), value in np.ndenumerate(known.correlations.astype(object)):
-        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7)
+        shade = "white" if abs(value) > 0.6 else INK  # on a dark ground, on a pale one
+        axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=shade)
     axes.figure.colorbar(image, ax=axes, shrink=0.8)
 
 
@@ -290,7 +293,7 @@ def draw_trials(axes: Axes, found: Found) -> None:
     axes.legend(fontsize=7)
 
 
-def interval_table(known: Identifiability) -> Table:
+def interval_table(known: Identifiability) -> PageTable:
     """Return the table of parameters with their intervals."""
     rows = [
         [i.name, _shown(i.value, i.unit),
@@ -298,20 +301,22 @@ def interval_table(known: Identifiability) -> Table:
          "yes" if i.determined else "no"]
         for i in known.intervals
     ]  # fmt: skip
-    return Table("Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows)
+    return PageTable(
+        "Parameters with intervals of 95 %", ["", "value", "from", "to", "known"], rows
+    )
 
 
-def singular_table(fit: Fit, known: Identifiability) -> Table:
+def singular_table(fit: Fit, known: Identifiability) -> PageTable:
     """Return the table of singular values with the combination of parameters of each."""
     rows = [
         [f"{s:.3g}", *(f"{part:+.2f}" for part in np.ravel(direction))]
         for s, direction in zip(known.singular_values, known.directions, strict=True)
     ]
     head = ["singular value", *(u.name for u in fit.unknowns)]
-    return Table("Combinations of parameters, the best known first", head, rows)
+    return PageTable("Combinations of parameters, the best known first", head, rows)
 
 
-def trial_table(fit: Fit, found: Found) -> Table:
+def trial_table(fit: Fit, found: Found) -> PageTable:
     """Return the table of trials."""
     rows = [
         [f"{t.number}", f"{t.scale:g}",
@@ -326,7 +331,7 @@ def trial_table(fit: Fit, found: Found) -> Table:
         "misfit (%)",
         "time (s)",
     ]
-    return Table("Trials", head, rows)
+    return PageTable("Trials", head, rows)
 
 
 def _shown(value: float, unit: str) -> str:

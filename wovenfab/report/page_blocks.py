@@ -10,21 +10,21 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
-from PIL import Image
 
 from wovenfab.plain_text import one_line
 from wovenfab.record.results import Provenance, write_whole
-from wovenfab.report.style import DEGREE, MAKER, Unit, house_style, readable
+from wovenfab.report.style import DEGREE, MAKER, Unit, house_style, readable, seconds
 
 NONE = "\N{EN DASH}"
 MINUS = "\N{MINUS SIGN}"
 #: Width on a page (rem) of an inch of a figure, so that all have letters of one size.
 REM = 7.2
-#: Resolution of pictures of fields.
+#: Resolution of pictures of fields (1/in).
 DPI = 170
+TYPES = {"svg": "image/svg+xml", "png": "image/png"}
 #: Heading and SI unit of each column of cycles.csv that a page shows.
 COLUMNS: dict[str, tuple[str, str]] = {
     "peak_displacement_m": ("reversal at", "m"),
@@ -44,15 +44,24 @@ COLUMNS: dict[str, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture, which has a text for screen readers, and its caption."""
+    """A picture.
 
-    image: Markup
+    Attributes:
+        uri: The file, as a data URI.
+        width: Width on the page (rem).
+        caption: What it shows.
+        says: What it says, for screen readers.
+    """
+
+    uri: str
+    width: float
     caption: str
+    says: str
     kind: str = field(default="picture", init=False)
 
 
 @dataclass(frozen=True)
-class Table:
+class PageTable:
     """A table of texts: the first column is a heading, the others are numbers or not."""
 
     caption: str
@@ -63,7 +72,7 @@ class Table:
 
 
 @dataclass(frozen=True)
-class Text:
+class PageText:
     """A paragraph, or the content of a file if it is ``verbatim``."""
 
     text: str
@@ -71,11 +80,11 @@ class Text:
     kind: str = field(default="text", init=False)
 
 
-Block = Picture | Table | Text
+Block = Picture | PageTable | PageText
 
 
 @dataclass(frozen=True)
-class Section:
+class PageSection:
     """A titled part of a page."""
 
     title: str
@@ -87,7 +96,7 @@ class Section:
         return re.sub(r"\W+", "-", self.title.lower())
 
 
-def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
+def section(title: str, *makers: Callable[[], Sequence[Block]]) -> PageSection:
     """Return a section; a part that cannot be drawn becomes a text with the reason."""
     blocks: list[Block] = []
     for make in makers:
@@ -96,45 +105,23 @@ def section(title: str, *makers: Callable[[], Sequence[Block]]) -> Section:
                 blocks += make()
         except Exception as error:  # a page of a broken run shows what there is
             reason = one_line(str(error)) or type(error).__name__
-            blocks.append(Text(f"This part could not be drawn: {reason}"))
-    return Section(title, blocks)
+            blocks.append(PageText(f"This part could not be drawn: {reason}"))
+    return PageSection(title, blocks)
 
 
-def vector(figure: Figure, name: str, caption: str, says: str = "") -> Picture:
-    """Return a figure of curves as SVG, whose ids begin with a ``name`` unique on the page.
+def picture(figure: Figure, caption: str, says: str = "", kind: str = "svg") -> Picture:
+    """Return a figure of curves as SVG, or one of fields, which have many cells, as ``"png"``.
 
     What it ``says`` follows the caption for those who do not see it.
     """
-    text = io.StringIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, "Creator": None})
-    svg = text.getvalue()
-    svg = svg[svg.index("<svg") :]
-    svg = re.sub(r"<metadata>.*?</metadata>", "", svg, flags=re.S)
-    svg = re.sub(r'\bid="', f'id="{name}-', svg)
-    svg = re.sub(r'(href="#|url\(#)', rf"\g<1>{name}-", svg)
-
-    def opening(tag: re.Match[str]) -> str:
-        style = f'style="width: {float(tag[2]) / 72 * REM:.1f}rem"'
-        return (
-            f'<svg role="img" aria-label="{escape(f"{caption} {says}".strip())}" {style} {tag[1]}'
-        )
-
-    svg = re.sub(r'<svg (.*?)width="([\d.]+)pt" height="[\d.]+pt"', opening, svg, count=1)
-    return Picture(Markup(svg), caption)
-
-
-def raster(figure: Figure, caption: str, says: str = "") -> Picture:
-    """Return a figure of fields as PNG inside the page; arguments as of ``vector``."""
     data = io.BytesIO()
-    figure.savefig(data, format="png", dpi=DPI, facecolor="white", pil_kwargs={"optimize": True})
-    with Image.open(data) as picture:
-        wide = picture.width / DPI * REM
-    text = base64.b64encode(data.getvalue()).decode("ascii")
-    image = f'<img alt="{escape(f"{caption} {says}".strip())}" src="data:image/png;base64,{text}"'
-    return Picture(Markup(f'{image} style="width: {wide:.1f}rem">'), caption)
+    figure.savefig(data, format=kind, dpi=DPI, metadata={"Date": None})
+    wide = figure.get_tightbbox().width + 2 * mpl.rcParams["savefig.pad_inches"]
+    uri = f"data:{TYPES[kind]};base64,{base64.b64encode(data.getvalue()).decode('ascii')}"
+    return Picture(uri, wide * REM, caption, says)
 
 
-def cycle_table(rows: Sequence[Mapping[str, str]]) -> Table:
+def cycle_table(rows: Sequence[Mapping[str, str]]) -> PageTable:
     """Return the table of cycles from the rows of ``cycles.csv``, one at least."""
     known = [name for name in COLUMNS if name in rows[0]]
     columns = [_column(*COLUMNS[name], [row[name] for row in rows]) for name in known]
@@ -142,13 +129,15 @@ def cycle_table(rows: Sequence[Mapping[str, str]]) -> Table:
     head = ["cycle", *(title for title, _ in columns)]
     body = [[n, *cells] for n, *cells in zip(numbers, *(c for _, c in columns), strict=True)]
     unfinished = any(number.endswith("*") for number in numbers)
-    return Table("Figures of each cycle" + (" (* not finished)" if unfinished else ""), head, body)
+    return PageTable(
+        "Figures of each cycle" + (" (* not finished)" if unfinished else ""), head, body
+    )
 
 
-def computation_table(summary: Mapping[str, Any]) -> Table:
+def computation_table(summary: Mapping[str, Any]) -> PageTable:
     """Return the table of the computation, from ``summary.json``."""
     iterations = summary["newton_iterations"]
-    seconds = summary["wall_time_s"]
+    spent = summary["wall_time_s"]
     rows = [
         ("command", summary.get("command") or NONE),
         ("commit", summary.get("commit") or NONE),
@@ -157,9 +146,9 @@ def computation_table(summary: Mapping[str, Any]) -> Table:
         ("unknowns", grouped(summary["unknowns"])),
         ("steps", f"{summary['steps']}, {summary['cut_backs']} cut back"),
         ("Newton iterations", f"{iterations['total']}, at most {iterations['worst'] or 0} a step"),
-        ("wall time", ", ".join(f"{phase} {value:.2g} s" for phase, value in seconds.items())),
+        ("wall time", ", ".join(f"{phase} {seconds(value)}" for phase, value in spent.items())),
     ]
-    return Table("Computation", (), rows, numbers=False)
+    return PageTable("Computation", (), rows, numbers=False)
 
 
 def grouped(number: int) -> str:
@@ -172,7 +161,7 @@ def write_page(
     title: str,
     notes: Sequence[str],
     figures: Sequence[tuple[str, str]],
-    sections: Sequence[Section],
+    sections: Sequence[PageSection],
     origin: Provenance,
 ) -> Path:
     """Write a page; return ``path``.

@@ -21,15 +21,14 @@ from wovenfab.report import curves, sheet
 from wovenfab.report.page_blocks import (
     NONE,
     Block,
-    Section,
-    Table,
-    Text,
+    PageSection,
+    PageTable,
+    PageText,
     computation_table,
     cycle_table,
     grouped,
-    raster,
+    picture,
     section,
-    vector,
     write_page,
 )
 from wovenfab.report.run_data import (
@@ -42,13 +41,13 @@ from wovenfab.report.run_data import (
     stored_of,
 )
 from wovenfab.report.sheet import Panel, panels, sheet_at
-from wovenfab.report.style import DEGREE, FIELD_STYLES, Values, quantity, shown_fields
+from wovenfab.report.style import DEGREE, FIELD_STYLES, Values, quantity, seconds, shown_fields
 
 PAGE, COMPARISON = "report.html", "comparison.html"
 
 
 @dataclass(frozen=True)
-class Run:
+class OpenedRun:
     """A results directory opened for a page; without fields, ``stored`` is None."""
 
     source: RunData
@@ -63,16 +62,16 @@ class Run:
         return "Finished." if outcome == FINISHED else f"Stopped early: {outcome}."
 
 
-def open_run(directory: str | Path) -> Run:
+def open_run(directory: str | Path) -> OpenedRun:
     """Return a run; fields that cannot be read count as missing. Raises as open_run_data."""
     try:
         stored = stored_of(Path(directory))
     except (OSError, UnreadableResultsError):  # an HDF5 file that is damaged
         stored = None
-    return Run(open_run_data(directory), stored)
+    return OpenedRun(open_run_data(directory), stored)
 
 
-def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
+def write_run_page(directory: str | Path, more: Sequence[PageSection] = ()) -> Path:
     """Write ``report.html``, with more sections first, and return its path.
 
     Raises:
@@ -91,7 +90,9 @@ def write_run_page(directory: str | Path, more: Sequence[Section] = ()) -> Path:
     )
 
 
-def write_comparison(directories: Sequence[Path], path: Path, more: Sequence[Section] = ()) -> Path:
+def write_comparison(
+    directories: Sequence[Path], path: Path, more: Sequence[PageSection] = ()
+) -> Path:
     """Write the page of two or more runs, with more sections first, and return its path.
 
     Raises:
@@ -136,7 +137,7 @@ def headline(source: RunData) -> list[tuple[str, str]]:
         ("worst imbalance", f"{100 * worst / work:.2g} % of the work" if work else ""),
         ("unknowns", grouped(summary["unknowns"]) if summary else ""),
         ("steps", f"{len(history['step']) - 1}"),
-        ("wall time", f"{sum(summary['wall_time_s'].values()):.3g} s" if summary else ""),
+        ("wall time", seconds(sum(summary["wall_time_s"].values())) if summary else ""),
     ]
     return [(name, value) for name, value in figures if value]
 
@@ -196,28 +197,29 @@ def _stability(summary: Mapping[str, Any]) -> list[str]:
     return losses + [f"{saddles} states are saddles: no sheet would stay on them."] * (saddles > 0)
 
 
-def _missing(run: Run) -> list[str]:
+def _missing(run: OpenedRun) -> list[str]:
     """Return a sentence about fields that cannot be read."""
     if run.stored is not None or not (run.source.directory / DATA).exists():
         return []
     return [f"There are no pictures of the sheet: {DATA} holds no fields that can be read."]
 
 
-def _sections(run: Run) -> Iterator[Section]:
+def _sections(run: OpenedRun) -> Iterator[PageSection]:
     source, stored = run.source, run.stored
     caption = "Force of the program against its displacement."
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loop(source), "loop", caption, in_words(source))],
+        lambda: [picture(curves.loop(source), caption, in_words(source))],
     )
     if source.cycles:
         yield section("Cycles", lambda: _cycles(source))
     yield section(
         "Program and energies",
         lambda: [
-            vector(curves.program(source), "program", "The program against time.", _way(source)),
-            vector(
-                *(curves.energies(source), "energies", "Energies by effect over time."),
+            picture(curves.program(source), "The program against time.", _way(source)),
+            picture(
+                curves.energies(source),
+                "Energies by effect over time.",
                 f"Stored: {_parts(source, 'energy')}. Dissipated: {_parts(source, 'dissipated')}.",
             ),
         ],
@@ -226,13 +228,17 @@ def _sections(run: Run) -> Iterator[Section]:
         yield section(
             "Sheet and yarns",
             lambda: [
-                raster(
-                    *(sheet.mesh(source, stored), "Mesh at rest, directions of the yarns."),
+                picture(
+                    sheet.mesh(source, stored),
+                    "Mesh at rest, directions of the yarns.",
                     f"{len(stored.corners())} triangles.",
+                    "png",
                 ),
-                raster(
-                    *(sheet.deformed(source, stored), "Sheet at its largest displacement."),
+                picture(
+                    sheet.deformed(source, stored),
+                    "Sheet at its largest displacement.",
                     f"The program is {largest(source, stored).words}.",
+                    "png",
                 ),
             ],
             lambda: _mode(source),
@@ -253,14 +259,14 @@ def _cycles(source: RunData) -> Sequence[Block]:
     lost = [f"cycle {i}: {quantity(c.dissipated, 'J')}" for i, c in shown]
     if len(shown) < len(source.cycles):
         caption += f" {len(shown)} of {len(source.cycles)} cycles are shown."
-    return [*table, vector(curves.losses(source), "losses", caption, f"{'; '.join(lost)}.")]
+    return [*table, picture(curves.losses(source), caption, f"{'; '.join(lost)}.")]
 
 
 def _mode(source: RunData) -> Sequence[Block]:
     lost = stored_of(source.directory, MODE)
     if lost is None:
         return []
-    return [raster(sheet.mode(source, lost), "How it buckles, at a size that shows.")]
+    return [picture(sheet.mode(source, lost), "How it buckles, at a size that shows.", kind="png")]
 
 
 def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
@@ -279,7 +285,7 @@ def _fields(source: RunData, stored: StoredFields) -> Sequence[Block]:
         caption = f"The {FIELD_STYLES[name].label}{where}, to one scale."
         values = [panel.values for row in grid for panel in row]
         says = between(values, stored.units[name])
-        blocks.append(raster(panels(name, stored.units[name], grid), caption, says))
+        blocks.append(picture(panels(name, stored.units[name], grid), caption, says, "png"))
     return blocks
 
 
@@ -288,42 +294,40 @@ def _solver(source: RunData) -> Sequence[Block]:
     caption = "Newton iterations and length of each step; wall time by phase."
     if cut_backs:
         caption += f" {cut_backs} attempts did not converge and were cut back: shorter steps."
-    return [vector(curves.solver(source), "solver", caption)]
+    return [picture(curves.solver(source), caption)]
 
 
 def _case(source: RunData) -> Sequence[Block]:
     path = source.directory / "case.yaml"
-    case = [Text(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
+    case = [PageText(path.read_text(encoding="utf-8"), verbatim=True)] if path.exists() else []
     return [*([computation_table(source.summary)] if source.summary else []), *case]
 
 
-def _sections_of_several(runs: Mapping[str, Run]) -> Iterator[Section]:
+def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[PageSection]:
     named = [(name, run.source) for name, run in runs.items()]
     told = " ".join(f"{name}: {in_words(source)}" for name, source in named)
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
     yield section(
         "Force against displacement",
-        lambda: [vector(curves.loops(named), "loops", "Force of the program.", told)],
+        lambda: [picture(curves.loops(named), "Force of the program.", told)],
     )
     if any(source.cycles for _, source in named):
         caption = "Figures of the complete cycles, against their reversals."
-        yield section("Cycles", lambda: [vector(curves.cycle_figures(named), "cycles", caption)])
+        yield section("Cycles", lambda: [picture(curves.cycle_figures(named), caption)])
     energies = curves.energies_of_runs
-    yield section(
-        "Energies", lambda: [vector(energies(named), "energies", "All effects together.")]
-    )
+    yield section("Energies", lambda: [picture(energies(named), "All effects together.")])
     words = "Energy imbalance by the time steps, and the work of the solver."
     work = curves.imbalance_and_iterations
-    yield section("Solver", lambda: [vector(work(named), "work", words)])
+    yield section("Solver", lambda: [picture(work(named), words)])
     if any(run.stored is not None for run in runs.values()):
         yield section("Fields", lambda: _common_fields(runs))
 
 
-def _overview(named: Sequence[curves.Named]) -> Table:
+def _overview(named: Sequence[curves.Named]) -> PageTable:
     figures = {name: dict(headline(source)) for name, source in named}
     heads = list(dict.fromkeys(head for values in figures.values() for head in values))
     rows = [[name, *(values.get(h, NONE) for h in heads)] for name, values in figures.items()]
-    return Table("Figures of the runs", ["run", *heads], rows)
+    return PageTable("Figures of the runs", ["run", *heads], rows)
 
 
 def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
@@ -332,10 +336,10 @@ def _differences(named: Sequence[curves.Named]) -> Sequence[Block]:
     differing = [key for key in keys if len({case.get(key, NONE) for case in cases}) > 1]
     rows = [[key, *(case.get(key, NONE) for case in cases)] for key in differing]
     head = ["key of the case", *(name for name, _ in named)]
-    return [Table("Differences of the cases", head, rows, numbers=False)] if rows else []
+    return [PageTable("Differences of the cases", head, rows, numbers=False)] if rows else []
 
 
-def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
+def _common_fields(runs: Mapping[str, OpenedRun]) -> Sequence[Block]:
     shown = [(name, run.source, run.stored) for name, run in runs.items() if run.stored is not None]
     first = shown[0][2]
     common = [f for f in shown_fields(first) if all(f in stored.units for *_, stored in shown)]
@@ -345,7 +349,7 @@ def _common_fields(runs: Mapping[str, Run]) -> Sequence[Block]:
         rows = [cells[i : i + 2] for i in range(0, len(cells), 2)]
         caption = f"Each run at its largest displacement: {field.replace('_', ' ')}, to one scale."
         says = between([cell.values for cell in cells], first.units[field])
-        blocks.append(raster(panels(field, first.units[field], rows), caption, says))
+        blocks.append(picture(panels(field, first.units[field], rows), caption, says, "png"))
     return blocks
 
 

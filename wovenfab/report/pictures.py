@@ -15,7 +15,6 @@ from textwrap import fill
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Colormap, to_rgb
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -27,7 +26,7 @@ from wovenfab.record.results import Provenance, write_whole
 from wovenfab.record.summary import window
 from wovenfab.report import sheet
 from wovenfab.report.curves import force_axes, loop, path
-from wovenfab.report.page_blocks import Section
+from wovenfab.report.page_blocks import PageSection
 from wovenfab.report.run_data import (
     RunData,
     largest,
@@ -42,8 +41,8 @@ from wovenfab.report.style import (
     MILLIMETRE,
     QUIET,
     WIDTH,
-    YARNS,
     colour_bar,
+    few_colours,
     gif_comment,
     house_style,
     main_field,
@@ -91,7 +90,7 @@ def picture_of(
     return make
 
 
-def draw_page(folder: Path, more: Sequence[Section] = ()) -> list[Path]:
+def draw_page(folder: Path, more: Sequence[PageSection] = ()) -> list[Path]:
     """Write the page of the run, with more sections first."""
     from wovenfab.report.pages import write_run_page
 
@@ -217,7 +216,6 @@ def _frames(
     low, high = places.min(axis=0), places.max(axis=0)
     margin = 0.03 * float((high - low).max())
     tall = float(np.clip(WIDTH * (high - low)[1] / (high - low)[0], 1.0, 6.0))
-    palette = _palette(scale.ramp if scale else None)
     frames = []
     for index, state in zip(shown, sheets, strict=True):
         figure = Figure(figsize=(WIDTH, tall + 3.4))
@@ -234,7 +232,7 @@ def _frames(
         above.set_ylim(low[1] - margin, high[1] + margin)
         above.set_title(fill(source.title, 70))
         _draw_loop(below, source, span, float(stored.times[index]))
-        frames.append(_picture(figure).quantize(palette=palette, dither=Image.Dither.NONE))
+        frames.append(few_colours(_picture(figure)))
     return frames
 
 
@@ -252,20 +250,7 @@ def _picture(figure: Figure) -> Image.Image:
     data = io.BytesIO()
     with mpl.rc_context({"savefig.bbox": None}):  # all frames of one size
         figure.savefig(data, format="png", dpi=PIXELS / WIDTH)
-    return Image.open(data).convert("RGB")
-
-
-def _palette(ramp: Colormap | None) -> Image.Image:
-    """Return the colours of all frames, the same in all: grey, the yarns' and the field's."""
-    grey = np.append(np.linspace(0, 0.93, 31), 1)[:, None] * np.ones(3)
-    shades = (*map(to_rgb, YARNS), sequence(1)[0][:3])
-    lines = [np.linspace(shade, (1, 1, 1), 8) for shade in shades]
-    field = [] if ramp is None else [ramp(np.linspace(0, 1, 72))[:, :3]]
-    image = Image.new("P", (1, 1))
-    image.putpalette(
-        np.round(255 * np.concatenate([grey, *lines, *field])).astype(int).ravel().tolist()
-    )
-    return image
+    return Image.open(data)
 
 
 if __name__ == "__main__":

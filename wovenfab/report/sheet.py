@@ -49,7 +49,7 @@ FEW, TALL = 12, 4.0
 
 
 @dataclass(frozen=True)
-class Sheet:
+class DisplacedSheet:
     """The sheet at one time.
 
     Attributes:
@@ -85,15 +85,15 @@ class Sheet:
 class Panel:
     """A small picture: the sheet, a field at its points (SI), shape (n,), and a title."""
 
-    sheet: Sheet
+    sheet: DisplacedSheet
     values: Values
     words: str
 
 
-def sheet_at(source: RunData, stored: StoredFields, index: int) -> Sheet:
+def sheet_at(source: RunData, stored: StoredFields, index: int) -> DisplacedSheet:
     """Return the sheet at ``stored.times[index]``."""
     families = tuple(stored.field(name, index) for name in displacements(stored))
-    return Sheet(Triangles(stored.points(), stored.triangles()), families, source.fibres)
+    return DisplacedSheet(Triangles(stored.points(), stored.triangles()), families, source.fibres)
 
 
 def deformed(source: RunData, stored: StoredFields) -> Figure:
@@ -123,7 +123,7 @@ def mode(source: RunData, stored: StoredFields) -> Figure:
     u, force = (float(source.history[name][row]) for name in ("displacement_m", "force_N"))
     unit = readable("N", force)
     at = f"{u * MILLIMETRE.factor:.4g} mm, {force * unit.factor:.4g} {unit.name}"
-    sheet = Sheet(state.mesh, moved, source.fibres)
+    sheet = DisplacedSheet(state.mesh, moved, source.fibres)
     return _coloured(source.title, f"stability lost at {at}", sheet, size / size.max(), scale)
 
 
@@ -158,7 +158,7 @@ def error(source: RunData, stored: StoredFields) -> Figure:
 def mesh(source: RunData, stored: StoredFields) -> Figure:
     """Return the figure: the cells at rest, and an arrow along each family."""
     cells = stored.corners() * MILLIMETRE.factor
-    wide, high = _size(np.ptp(cells.reshape(-1, 2), axis=0))
+    wide, high = figure_size(np.ptp(cells.reshape(-1, 2), axis=0))
     figure = Figure(figsize=(wide, high - 0.6))
     axes = figure.add_subplot(aspect="equal")
     thin = 0.6 if len(cells) < 3000 else 0.25
@@ -198,20 +198,24 @@ def panels(name: str, unit: str, rows: Sequence[Sequence[Panel]]) -> Figure:
     return figure
 
 
-def paint(axes: Axes, sheet: Sheet, values: Values, ramp: Colormap, norm: Normalize) -> TriMesh:
+def paint(
+    axes: Axes, sheet: DisplacedSheet, values: Values, ramp: Colormap, norm: Normalize
+) -> TriMesh:
     """Colour the displaced sheet by values at its points, shape (n,), in axes in mm."""
     x, y = (sheet.points * MILLIMETRE.factor).T
     surface = Triangulation(x, y, sheet.mesh.triangles)
     return axes.tripcolor(surface, values, shading="gouraud", cmap=ramp, norm=norm)
 
 
-def draw_outline(axes: Axes, sheet: Sheet, width: float = 0.8) -> None:
+def draw_outline(axes: Axes, sheet: DisplacedSheet, width: float = 0.8) -> None:
     """Draw the edge of the sheet, and in dashes the one at rest."""
     axes.add_collection(lines(outline(sheet.mesh), QUIET, width, "at rest", dashed=True))
     axes.add_collection(lines(outline(sheet.mesh, sheet.mean), INK, width))
 
 
-def draw_yarns(axes: Axes, sheet: Sheet, along: float = YARNS_ALONG, width: float = 0.6) -> None:
+def draw_yarns(
+    axes: Axes, sheet: DisplacedSheet, along: float = YARNS_ALONG, width: float = 0.6
+) -> None:
     """Draw yarns of both families, if their directions are known."""
     if sheet.fibres is None:
         return
@@ -237,12 +241,12 @@ def lines(
 def _coloured(
     title: str,
     subtitle: str,
-    sheet: Sheet,
+    sheet: DisplacedSheet,
     values: Values | None = None,
     scale: Scale | None = None,
 ) -> Figure:
     """Return the figure of a displaced sheet with its yarns, coloured by values (SI), if any."""
-    figure = Figure(figsize=_size(np.ptp(sheet.points, axis=0)))
+    figure = Figure(figsize=figure_size(np.ptp(sheet.points, axis=0)))
     axes = figure.add_subplot(aspect="equal")
     if values is not None and scale is not None:
         painted = paint(axes, sheet, scale(values), scale.ramp, scale.norm)
@@ -255,7 +259,7 @@ def _coloured(
     return figure
 
 
-def _size(extent: Values) -> tuple[float, float]:
+def figure_size(extent: Values) -> tuple[float, float]:
     """Return a figure size (in) for the width and height of a sheet, with room for the key."""
     return WIDTH, float(np.clip(0.92 * WIDTH * extent[1] / extent[0] + 1.7, 2.2, 9.0))
 

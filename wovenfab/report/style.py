@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from math import degrees
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -15,8 +16,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.style import context
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
@@ -33,15 +35,14 @@ INK = "#1a1a1a"
 QUIET = "#8a8a8a"
 #: Colours of the two yarn families, distinct from each other and from the colours of fields.
 YARNS = ("#1a1a1a", "#1f5fa8")
-#: Colours without an order, distinct for the colour-blind (Okabe and Ito, 2008).
-APART = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", INK)
+#: matplotlib's style sheet of the house.
+STYLE = Path(__file__).with_name("house.mplstyle")
+#: Colours without an order: the cycle of the style sheet.
+APART: tuple[str, ...] = tuple(
+    mpl.rc_params_from_file(STYLE, use_default_template=False)["axes.prop_cycle"].by_key()["color"]
+)
 #: Line styles that go with them, for print.
 DASHES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1.5, 1.5, 1.5)))
-#: Resolution of pictures (1/in).
-DPI = 220
-#: Colours in a PNG: frequent ones for gradients, and others for rare ones in lines and keys.
-COLOURS = (192, 64)
-
 #: Share (%) of the values within the colours; the rest, mostly at corners, has the last colour.
 SHARE = 99.5
 #: Size of a field up to which it is round-off, by unit; sheets may be small, and so lengths.
@@ -49,41 +50,6 @@ NOTHING = {"rad": 1e-8, "1": 1e-8, "1/m": 1e-8, "m": 1e-13}
 
 
 _DUBLIN_CORE = "{http://purl.org/dc/elements/1.1/}"
-_SETTINGS = {
-    "font.family": "sans-serif",
-    "font.sans-serif": ["DejaVu Sans"],
-    "font.size": 9.0,
-    "axes.titlesize": 10.0,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.titlepad": 8.0,
-    "axes.edgecolor": INK,
-    "axes.labelcolor": INK,
-    "axes.linewidth": 0.7,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "grid.color": "#ebebeb",
-    "grid.linewidth": 0.6,
-    "lines.linewidth": 1.6,
-    "lines.solid_capstyle": "round",
-    "lines.solid_joinstyle": "round",
-    "text.color": INK,
-    "text.parse_math": False,  # texts are those of users, in which a dollar is a dollar
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "xtick.direction": "out",
-    "ytick.direction": "out",
-    "legend.frameon": False,
-    "legend.title_fontsize": 8.5,
-    "legend.fontsize": 8.5,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "wovenfab",
-    "savefig.bbox": "tight",
-    "savefig.pad_inches": 0.08,
-    "figure.constrained_layout.use": True,
-}
 
 
 @dataclass(frozen=True)
@@ -95,7 +61,7 @@ class Unit:
 
 
 MILLIMETRE = Unit("mm", 1e3)
-DEGREE = Unit("°", 57.29577951308232)
+DEGREE = Unit("°", degrees(1.0))
 DISPLACEMENT = f"displacement ({MILLIMETRE.name})"
 
 
@@ -140,13 +106,10 @@ FIELD_STYLES = {
 }
 
 
-@contextmanager
-def house_style() -> Iterator[None]:
+def house_style() -> AbstractContextManager[None]:
     """Draw in the house style, without a display, and leave the user's settings alone."""
-    with mpl.rc_context():
-        mpl.rcdefaults()  # a matplotlibrc, as in the current folder, could run LaTeX
-        mpl.rcParams.update(_SETTINGS)
-        yield
+    # after a reset, because a matplotlibrc, as in the current folder, could run LaTeX
+    return context(STYLE, after_reset=True)
 
 
 def readable(unit: str, largest: float) -> Unit:
@@ -165,6 +128,11 @@ def quantity(value: float, unit: str) -> str:
     return f"{number}\N{NO-BREAK SPACE}{shown.name}"
 
 
+def seconds(value: float) -> str:
+    """Return a time with two digits, long ones without an exponent, ``240 s``."""
+    return f"{float(f'{value:.2g}'):g} s"
+
+
 def millimetres(value: float) -> str:
     """Return a length (m) as text with three digits, ``20 mm``."""
     return f"{value * MILLIMETRE.factor:.3g} {MILLIMETRE.name}"
@@ -180,14 +148,12 @@ def sequence(count: int) -> list[tuple[float, ...]]:
 
 def fill() -> Colormap:
     """Return the colours of fields, pale for zero and never as dark as a yarn."""
-    ramp = mpl.colormaps["YlOrBr"]
-    return LinearSegmentedColormap.from_list("fill", [ramp(0.74 * i / 63) for i in range(64)])
+    return ListedColormap(mpl.colormaps["YlOrBr"](np.linspace(0.0, 0.74, 256)))
 
 
 def both_ways() -> Colormap:
     """Return the colours of fields with a sign, white for zero and never as dark as a yarn."""
-    ramp, shares = mpl.colormaps["RdBu_r"], np.linspace(0.14, 0.86, 65)
-    return LinearSegmentedColormap.from_list("both ways", [ramp(share) for share in shares])
+    return ListedColormap(mpl.colormaps["RdBu_r"](np.linspace(0.14, 0.86, 257)))
 
 
 def shown_fields(stored: StoredFields) -> list[str]:
@@ -260,42 +226,49 @@ def label_sheet(axes: Axes, title: str = "", subtitle: str = "") -> None:
     axes.grid(visible=False)
 
 
-def save(figure: Figure, path: Path, origin: Provenance | None = None, dpi: float = DPI) -> Path:
+def save(
+    figure: Figure, path: Path, origin: Provenance | None = None, dpi: float | None = None
+) -> Path:
     """Write a figure such that equal data give equal files; return ``path``.
 
     Args:
         figure: The figure.
         path: The file, ``.png`` or ``.svg``.
         origin: Provenance of the data, which the file states; this process if None.
-        dpi: Resolution of a PNG.
+        dpi: Resolution of a PNG; that of the style if None.
 
     Raises:
         ValueError: Another kind of file.
     """
-    origin = origin or this_process()
+    origin, data = origin or this_process(), io.BytesIO()
     if path.suffix == ".png":
-        data = io.BytesIO()
         figure.savefig(data, format="png", dpi=dpi)
         with Image.open(data) as picture:
             return write_png(picture, path, origin)
     if path.suffix != ".svg":
         raise ValueError(f"pictures are .png or .svg, not {path.suffix}")
     about = {"Creator": MAKER, "Source": origin.command, "Identifier": origin.commit}
-    text = io.BytesIO()
-    figure.savefig(text, format="svg", metadata={"Date": None, **about})
-    write_whole(path, text.getvalue())
+    figure.savefig(data, format="svg", metadata={"Date": None, **about})
+    write_whole(path, data.getvalue())
     return path
 
 
 def write_png(picture: Image.Image, path: Path, origin: Provenance) -> Path:
-    """Write a picture in a palette of colours, with its provenance; return ``path``."""
-    about = PngImagePlugin.PngInfo()
+    """Write a picture with 256 colours, a third of its size; return ``path``.
+
+    The provenance stands in the file.
+    """
+    about, data = PngImagePlugin.PngInfo(), io.BytesIO()
     for name, value in _metadata(origin).items():
         about.add_text(name, value)
-    data = io.BytesIO()
-    _with_palette(picture.convert("RGB")).save(data, format="png", optimize=True, pnginfo=about)
+    few_colours(picture).save(data, format="png", optimize=True, pnginfo=about)
     write_whole(path, data.getvalue())
     return path
+
+
+def few_colours(picture: Image.Image) -> Image.Image:
+    """Return a picture with 256 colours, also those of thin lines and keys."""
+    return picture.convert("RGB").quantize(method=Image.Quantize.MAXCOVERAGE, kmeans=1)
 
 
 def gif_comment(origin: Provenance) -> bytes:
@@ -316,20 +289,6 @@ def read_provenance(path: Path) -> Provenance:
     if path.suffix == ".gif":
         about = dict(re.findall(r"(\w+): (.*)", bytes(about.get("comment", b"")).decode()))
     return Provenance(about.get("Command", ""), about.get("Commit", ""))
-
-
-def _with_palette(picture: Image.Image) -> Image.Image:
-    """Return a picture on white with a palette of colours, a third of the size."""
-    smooth = picture.quantize(COLOURS[0], Image.Quantize.MEDIANCUT)
-    rare = picture.quantize(COLOURS[1], Image.Quantize.MAXCOVERAGE)
-    parts = zip((smooth, rare), COLOURS, strict=True)
-    entries = np.concatenate([np.array(part.getpalette())[: 3 * count] for part, count in parts])
-    palette = Image.new("P", (1, 1))
-    palette.putpalette(entries.tolist())
-    small = picture.quantize(palette=palette, dither=Image.Dither.NONE)
-    entries[3 * np.bincount(np.asarray(small).ravel()).argmax() :][:3] = 255  # mostly paper
-    small.putpalette(entries.tolist())
-    return small
 
 
 def _metadata(origin: Provenance) -> dict[str, str]:

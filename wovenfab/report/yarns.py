@@ -15,8 +15,8 @@ from wovenfab.record.field_file import FieldFile, polylines
 from wovenfab.record.fields import StoredFields
 from wovenfab.record.results import write_whole
 from wovenfab.report.run_data import RunData
+from wovenfab.report.style import Values
 
-Values = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 Polyline = NDArray[np.float64]
 #: Number of yarns of a family along the longest side of the sheet, about.
