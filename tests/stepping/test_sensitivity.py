@@ -227,7 +227,10 @@ FORMULAS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("scene", "most"), [("bias-1x3", 1e-5), ("coulomb", 1e-2)])
+@pytest.mark.parametrize(
+    ("scene", "most"),
+    [("bias-1x3", 1e-5), pytest.param("coulomb", 1e-2, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("name", FORMULAS)
 def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, most: float) -> None:
     formula, coefficient, value, *others = FORMULAS[name]
