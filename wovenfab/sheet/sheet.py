@@ -228,7 +228,7 @@ class Sheet:
         mesh = self.mesh
         if mesh.topology.cell_type != CellType.triangle or mesh.geometry.dim != 2:
             raise ValueError("the cells must be triangles in a plane (geometric dimension 2)")
-        if mesh.geometry.cmap.degree != 1:
+        if mesh.ufl_domain().ufl_coordinate_element().embedded_superdegree != 1:
             raise ValueError("the triangles must have straight sides (geometry of degree 1)")
         ghosts = mesh.comm.allreduce(mesh.topology.index_map(2).num_ghosts)
         if mesh.comm.size > 1 and not ghosts:
