@@ -39,7 +39,7 @@ USES = {
     "sensitivities": ["case.yaml", "--by", "shear.stiffness"],
     "measured": ["curve.csv"],
     "fit": ["fit.yaml"],
-    "accuracy": ["case.yaml", "--minutes", "0.01"],
+    "accuracy": ["case.yaml", "--levels", "1"],
 }
 FIT = """\
 tests: [{case: case.yaml, measured: curve.csv}]
