@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 from mpi4py import MPI
 
@@ -19,7 +20,7 @@ from wovenfab.report.curves import MOST_CYCLES, loop, losses
 from wovenfab.report.pictures import ReportError, draw
 from wovenfab.report.run_data import open_run_data
 from wovenfab.report.sheet import MODE_SIZE, deformed, mode
-from wovenfab.report.style import readable
+from wovenfab.report.style import house_style, readable, save
 from wovenfab.sheet.output_nodes import OutputNodes
 
 
@@ -208,3 +209,14 @@ def test_a_users_text_is_no_formula_and_controls_nothing(tmp_path: Path) -> None
     page = (results / "report.html").read_text()
     assert "could not be drawn" not in page and r"\x1b]0;x\x07" in page
     assert not {"\x1b", "\x07"} & {*page, *(results / "loop.svg").read_text()}
+
+
+def test_ticks_of_a_logarithmic_axis_are_powers_of_ten_without_dollars(tmp_path: Path) -> None:
+    with house_style():
+        figure = Figure(figsize=(3, 2))
+        axes = figure.subplots()
+        axes.loglog([1e-3, 1e4], [1, 100])
+        save(figure, tmp_path / "log.png")
+        labels = [tick.get_text() for tick in axes.get_xticklabels()]
+    assert len({*labels} & {f"10{power}" for power in "⁰¹²³⁴"}) >= 2
+    assert not [label for label in labels if "$" in label]
