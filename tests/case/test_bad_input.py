@@ -127,6 +127,7 @@ def test_what_no_machine_can_hold_is_refused_before_it_is_made(
     assert time.monotonic() - start < 5
 
 
+@pytest.mark.slow
 def test_a_run_that_stores_no_fields_has_the_same_history_and_goes_on(path: Path) -> None:
     from mpi4py import MPI
 

@@ -297,6 +297,7 @@ def test_schema_is_json(tmp_path: Path) -> None:
     assert "stretch" in json.dumps(schema)
 
 
+@pytest.mark.slow
 def test_two_ranks_speak_with_one_voice_and_find_the_same_forces(folder: Path) -> None:
     """The ranks must agree to 1e-8 of the largest, and each line must be printed once."""
     ended = wovenfab("run", "small.yaml", "-o", "two", cwd=folder, ranks=2)

@@ -94,6 +94,7 @@ def test_a_log_replaces_nothing_but_a_log(log: str, content: str | None, tmp_pat
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_log_is_written_only_when_the_run_is_accepted(tmp_path: Path) -> None:
     (tmp_path / "case.yaml").write_text(CASE)
     (tmp_path / "run.log").write_text(ENTRY)

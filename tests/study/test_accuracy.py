@@ -73,7 +73,7 @@ def pull_figures() -> dict[str, float]:
 @pytest.mark.parametrize(
     ("text", "exact", "levels"),
     [
-        pytest.param(SPRINGS, spring_force, 1, id="elements"),
+        pytest.param(SPRINGS, spring_force, 1, id="elements", marks=pytest.mark.slow),
         pytest.param(SPRINGS, spring_force, 3, id="smaller elements", marks=pytest.mark.slow),
         pytest.param(PULL, pull_figures, 2, id="steps", marks=pytest.mark.slow),
     ],

@@ -290,6 +290,7 @@ def test_a_bad_fit_file_is_refused_in_words(name: str, tmp_path: Path) -> None:
     assert message in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_coefficient_of_a_formula_is_found(tmp_path: Path) -> None:
     formula = "60 N/m * (1 + 2 * exp(-x/0.2 m))"
     case = CASE.replace("stiffness: 60 N/m", f"stiffness: {formula}")
