@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from math import degrees
+from math import degrees, isclose, log10
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -19,7 +19,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Colormap, ListedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.style import context
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogFormatter, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 from PIL import Image, PngImagePlugin
 
@@ -226,6 +226,19 @@ def label_sheet(axes: Axes, title: str = "", subtitle: str = "") -> None:
     axes.grid(visible=False)
 
 
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def power_of_ten(value: float, _: object = None) -> str:
+    """Return the label of a tick at a power of ten, empty for others.
+
+    That of matplotlib is parsed between dollars, which are dollars in the house style.
+    """
+    exponent = round(log10(value)) if value > 0 else 0
+    is_power = isclose(value, 10.0**exponent, rel_tol=1e-9)
+    return f"10{str(exponent).translate(_SUPERSCRIPTS)}" if is_power else ""
+
+
 def save(
     figure: Figure, path: Path, origin: Provenance | None = None, dpi: float | None = None
 ) -> Path:
@@ -241,6 +254,10 @@ def save(
         ValueError: Another kind of file.
     """
     origin, data = origin or this_process(), io.BytesIO()
+    for axis in (a for axes in figure.axes for a in (axes.xaxis, axes.yaxis)):
+        if isinstance(axis.get_major_formatter(), LogFormatter):
+            axis.set_major_formatter(FuncFormatter(power_of_ten))
+            axis.set_minor_formatter(NullFormatter())
     if path.suffix == ".png":
         figure.savefig(data, format="png", dpi=dpi)
         with Image.open(data) as picture:
