@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -35,18 +35,11 @@ class Size:
 
     def __add__(self, other: Size) -> Size:
         """Return the size of both."""
-        return Size(
-            self.files + other.files,
-            self.lines + other.lines,
-            self.functions + other.functions,
-            self.constants + other.constants,
-            self.names + other.names,
-        )
+        return Size(*map(sum, zip(astuple(self), astuple(other), strict=True)))
 
     def __str__(self) -> str:
         """Return the columns of the table."""
-        values = self.files, self.lines, self.functions, self.constants, self.names
-        return "".join(f"{value:11,}" for value in values)
+        return "".join(f"{value:11,}" for value in astuple(self))
 
 
 def size_of(path: Path) -> Size:
@@ -84,10 +77,7 @@ def main() -> None:
         if path.is_dir() and not path.is_symlink() and path.name != "__pycache__":
             package[path.name] = sorted(path.rglob("*.py"))
     sizes = {name: total(paths) for name, paths in package.items()}
-    print(
-        f"{'':20}"
-        + "".join(f"{n:>11}" for n in ("files", "lines", "functions", "constants", "names"))
-    )
+    print(f"{'':20}" + "".join(f"{field.name:>11}" for field in fields(Size)))
     for name in (*CORE, *(n for n in sizes if n not in CORE)):
         print(f"{name or 'wovenfab/*.py':20}{sizes[name]}")
     print(f"{'the library':20}{sum((sizes[n] for n in CORE), Size())}")

@@ -24,8 +24,8 @@ CORNERS = [(0, 0), (0.3, 0), (0.3, 0.1), (0, 0.1)]
 NAMES = ["bottom", "right", "top", "left"]
 EFFECTS = [wf.stretch(5e5), wf.shear(40.0), wf.bending(0.02)]
 EDGES = [wf.clamp("left"), wf.move("right", (wf.PROGRAM, 0.0))]
-SERIAL = ("case_in_python.py", "fields.py", "one_loop.py", "loop.ipynb")
-LIBRARY = sorted({p for p in (ROOT / "examples").glob("*") if p.name not in SERIAL})
+SERIAL = ("case_in_python.py", "fields.py", "one_loop.py")
+LIBRARY = sorted(p for p in (ROOT / "examples").glob("*.py") if p.name not in SERIAL)
 
 
 def plain_sheet() -> wf.Sheet:
@@ -130,6 +130,64 @@ def test_a_condition_of_dolfinx_holds_and_has_its_reaction() -> None:
                 expected["force"][step.number], rel=1e-7, abs=1e-9
             )
             given.x.array[::2] = expected["displacement"][min(step.number + 1, 4)]
+
+
+def test_a_motion_has_one_force_however_it_is_worded() -> None:
+    """Pulled by one grip or by both, by multiples or by functions, the work is the same."""
+    turned = (lambda x, y, program, second: 2 * program, 0.0)
+    reference = force()
+    for edges, factor in (
+        ([wf.clamp("left"), wf.move("right", (2 * wf.PROGRAM, 0.0))], 2.0),
+        ([wf.clamp("left"), wf.move("right", turned)], 2.0),
+        ([wf.move("left", (-wf.PROGRAM, 0.0)), wf.move("right", (wf.PROGRAM, 0.0))], 2.0),
+    ):
+        model = wf.build_model(plain_sheet(), EFFECTS, edges, wf.Numerics(2))
+        program = wf.program(wf.Ramp(0.01 / factor, steps=4))
+        found = wf.simulate(wf.Simulation(wf.Problem(model), program)).history
+        np.testing.assert_allclose(
+            found["force"], factor * reference["force"], rtol=1e-7, atol=1e-9
+        )
+        np.testing.assert_allclose(found["work"], reference["work"], rtol=1e-7, atol=1e-12)
+
+
+@pytest.mark.mpi
+def test_a_dead_load_is_a_number_ufl_or_a_function() -> None:
+    sheet, moved = plain_sheet(), []
+    x = ufl.SpatialCoordinate(sheet.mesh)
+    for pull in (
+        5.0,
+        5.0 + 0 * x[1],
+        fem.Constant(sheet.mesh, 5.0),
+        lambda x, program, second: 5.0,
+    ):
+        edges = [wf.clamp("left"), wf.load("right", (pull, 0.0))]
+        model = wf.build_model(sheet, EFFECTS, edges, wf.Numerics(2))
+        solver = wf.EquilibriumSolver(wf.Problem(model))
+        assert solver.advance(0.0).converged
+        moved.append(wf.PointFields(model, [(0.29, 0.05)]).values()["displacement"])
+        solver.destroy()
+    assert moved[0][0, 0] > 1e-3
+    np.testing.assert_allclose(moved[1:], moved[:1] * 3, rtol=1e-7)
+
+
+@pytest.mark.mpi
+def test_ranks_that_lack_the_cells_beside_their_own_are_told() -> None:
+    corners, none = [[0.0, 0.0], [1.0, 1.0]], GhostMode.none
+    square = create_rectangle(COMM, corners, [4, 4], ghost_mode=none)
+    tags = meshtags(square, 1, np.array([], dtype=np.int32), np.array([], dtype=np.int32))
+    if COMM.size == 1:
+        wf.Sheet(square, tags, {}, YARNS)
+        return
+    with pytest.raises(ValueError, match="ghost_mode"):
+        wf.Sheet(square, tags, {}, YARNS)
+
+
+def test_a_scheme_that_looks_back_farther_than_the_model_is_refused() -> None:
+    terms = [*EFFECTS, wf.coupling(1e6), wf.slip_friction(2e3, 100.0)]
+    model = wf.build_model(plain_sheet(), terms, EDGES, wf.Numerics(2, history=1))
+    program = wf.program(wf.Ramp(0.01, steps=1, duration=1.0))
+    with pytest.raises(ValueError, match="history=2"):
+        wf.Simulation(wf.Problem(model), program, "bdf2")
 
 
 def test_a_step_that_is_rejected_leaves_the_state_as_it_was() -> None:

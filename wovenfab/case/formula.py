@@ -60,8 +60,6 @@ NUMPY_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     **{"<": np.less, "<=": np.less_equal, ">": np.greater, ">=": np.greater_equal},
     **{"and": np.logical_and, "or": np.logical_or},
 }
-#: Keys that the functions given to :meth:`Expression.evaluate` must have.
-REQUIRED_FUNCTIONS = frozenset(NUMPY_FUNCTIONS)
 #: The same for quantities of pint, which numpy's functions take, too; not in arrays, though.
 _PINT_FUNCTIONS: Mapping[str, Callable[..., Any]] = {
     **_OPERATORS,
@@ -377,8 +375,8 @@ class Expression:
 
         Args:
             variables: Values in m of (at least) ``self.variables``.
-            functions: What each of ``REQUIRED_FUNCTIONS`` means for such values, like
-                ``NUMPY_FUNCTIONS``; ``"if"`` is called with a condition and two values.
+            functions: What each key of ``NUMPY_FUNCTIONS`` means for such values; ``"if"`` is
+                called with a condition and two values.
         """
         known, constants = {**_OPERATORS, **functions}, self._measured[1]
 

@@ -244,17 +244,14 @@ def _within(
     return path(since + t if t < duration else until, before)
 
 
-#: A value of which is only known that it was there when the program changed to its kind.
-BEFORE = None
-
-
 def cycle(
     base: float | None, amplitude: float, period: float, steps: int, force: bool = False
 ) -> list[Piece]:
     """Return one cycle base + A/2 (1 - cos(2 pi t/T)), split at its reversal.
 
     Args:
-        base: Displacement (m) or force (N) at its start and end, or BEFORE.
+        base: Displacement (m) or force (N) at its start and end; None for that which
+            was there when the program last changed from displacements to forces or back.
         amplitude: A, m or N.
         period: T, s.
         steps: Even number of steps.
@@ -276,7 +273,11 @@ def cycle(
 def ramp(
     start: float | None, end: float | None, duration: float, steps: int, force: bool = False
 ) -> Piece:
-    """Return a straight line in time (s); a hold if both ends (m or N, or BEFORE) are equal."""
+    """Return a straight line in time (s); a hold if both ends (m or N) are equal.
+
+    An end that is None is the value that was there when the program last changed from displacements
+    to forces or back.
+    """
 
     def path(t: float, before: float) -> float:
         first, last = (before if value is None else value for value in (start, end))
@@ -299,7 +300,7 @@ def table(
     forces are prescribed, since friction is then continuous as they are.
 
     Args:
-        start: Displacement (m) or force (N) where it begins, or BEFORE.
+        start: Displacement (m) or force (N) where it begins; None as in :func:`ramp`.
         times: Of the rows, s.
         values: Displacements (m) or forces (N) of the rows.
         divisions: Number of steps to each row from the one before or the start; one unless given.
