@@ -338,7 +338,7 @@ def execute(
         if errors is not None:
             from wovenfab.study.errors.report import report_errors
 
-            summary = report_errors(errors, summary, columns, directory, listener.say)
+            summary = report_errors(errors, case, summary, columns, directory, listener.say)
         if directory is not None and case.output.pictures and not outcome.signal:
             warning = draw_in_subprocess(directory, comm).warning
             if warning is not None:

@@ -177,7 +177,7 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     summary = {"peak_force_N": 1.0, "dissipated_J": 2.0}
     history = {"time_s": np.arange(3.0), "force_N": np.arange(3.0)}
     lines: list[str] = []
-    said = report_errors(errors, summary, history, None, lines.append)["accuracy"]
+    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)["accuracy"]
     loss, force = (said["figures"][name] for name in ("dissipated_J", "peak_force_N"))
     assert loss["error_of_steps"] is loss["relative_error"] is loss["error"] is None
     assert loss["error_of_elements"] == pytest.approx(2 * 2e-3)
@@ -212,7 +212,7 @@ def test_a_peak_that_falls_between_the_steps_of_the_run_counts(phase: float, mis
     }
     summary, lines = {"peak_force_N": float(forces.max())}, list[str]()
     history = {"time_s": t, "force_N": forces}
-    said = report_errors(errors, summary, history, None, lines.append)["accuracy"]
+    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)["accuracy"]
     error = said["figures"]["peak_force_N"]["relative_error"]
     assert error >= 1 - forces.max()
     assert error == pytest.approx(SAFETY * (1e-6 + 2e-6) + 1 / forces.max() - 1)

@@ -29,7 +29,6 @@ from wovenfab.study.errors.meshes import Limits
 from wovenfab.study.errors.refinement import FASTEST_UNSHOWN, error_of_degrees
 from wovenfab.study.errors.steps import DISSIPATED, PEAK, StepRefinement
 from wovenfab.study.response import (
-    peak_bound,
     prolongated,
     response_of,
     trial_of,
@@ -179,7 +178,7 @@ def test_the_errors_of_a_cycle_with_friction_are_estimated(
     low, high = (response_of(c, sheet(c)).figures for c in (case, finer))
     # The error of steps hardly depends on the elements, so that coarse ones tell it.
     few, many = (response_of(of(2, 0.15, n), sheet(of(2, 0.15, n))) for n in (steps, 4 * steps))
-    limits = {PEAK: peak_bound(many.times, many.forces)[1], DISSIPATED: many.figures[DISSIPATED]}
+    limits = {PEAK: many.curve.peak_bound()[1], DISSIPATED: many.figures[DISSIPATED]}
     for figure, error in estimate.relative.items():
         space = 1 - high[figure] / low[figure]
         time = 1 - limits[figure] / few.figures[figure]
@@ -341,9 +340,7 @@ def test_steps_that_start_from_a_lower_degree_take_fewer_tangents(factor: str) -
     low = response_with_degree(case, on, 3)
     afresh, guided = response_with_degree(case, on, 4), response_with_degree(case, on, 4, lower=low)
     print(f"\n{guided.outcome.tangents} tangents from a guess, {afresh.outcome.tangents} afresh")
-    assert guided.forces == pytest.approx(
-        afresh.forces, abs=1e-4 * peak_bound(afresh.times, afresh.forces)[1]
-    )
+    assert guided.forces == pytest.approx(afresh.forces, abs=1e-4 * afresh.curve.peak_bound()[1])
     assert guided.figures == pytest.approx(afresh.figures, rel=1e-5)
     assert guided.outcome.tangents < 0.9 * afresh.outcome.tangents
     assert list(guided.states) == list(guided.times)

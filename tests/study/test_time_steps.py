@@ -25,8 +25,6 @@ from wovenfab.study.errors.steps import DISSIPATED, error_and_order
 from wovenfab.study.response import (
     Budget,
     TooLongError,
-    missed_peak,
-    peak_of_spline,
     response_of,
     trial_of,
     with_elements,
@@ -71,9 +69,7 @@ def test_steps_learn_how_the_response_with_other_elements_differs(
     after = search.steps_for(0.01)
     coarse = response_of(with_elements(case, degree=2), on)
     fine = response_of(with_elements(case, degree=4), mesh)
-    true = (
-        peak_of_spline(fine.times, fine.forces)[0] - peak_of_spline(coarse.times, coarse.forces)[0]
-    )
+    true = fine.curve.peak_of_spline()[0] - coarse.curve.peak_of_spline()[0]
     print(f"\n{1e3 * search._delay:.3g} ms later, true {1e3 * true:.3g} ms")
     assert search._delay == pytest.approx(true, rel=0.3)
     assert true > 0
@@ -193,7 +189,7 @@ def test_equal_steps_meet_the_peak(target: float) -> None:
     assert chosen is not None
     assert chosen.words == "equal steps"
     response = response_of(chosen.of(case), sheet(case))
-    missed = missed_peak(response.times, response.forces)
+    missed = response.curve.missed_peak()
     print(f"\n{response.count} steps: missed {missed:.2e}, expected {chosen.missed:.2e}")
     assert missed < target
     assert missed < 2 * chosen.missed + target / 20
@@ -216,7 +212,7 @@ def test_one_more_step_ends_at_the_peak_of_every_largest_cycle() -> None:
     assert with_own.time.extra_times == (0.05, *chosen.time.extra_times)
     assert small > first > extra[0]
     met, not_met = (
-        missed_peak(r.times, r.forces)
+        r.curve.missed_peak()
         for r in (response_of(c, sheet(trial)) for c in (steps.of(trial), with_steps(trial, 0.15)))
     )
     print(f"\nmissed {met:.2e} with a step more, {not_met:.2e} without, expected {missed:.2e}")
@@ -227,7 +223,7 @@ def test_no_step_is_added_close_to_a_planned_one() -> None:
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), 0.01)
     response = response_of(with_steps(case, 0.3), sheet(case))
     search = StepSearch(case, ALONE, str)
-    peak = peak_of_spline(response.times, response.forces)[0]
+    peak = response.curve.peak_of_spline()[0]
     search._delay = response.times[-1] / 2 - peak  # the largest force at the reversal
     assert search._missed(with_steps(case, 0.15), response)[1] == ()
 

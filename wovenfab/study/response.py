@@ -1,4 +1,4 @@
-"""A run without results on disk, cases with other elements or steps, and the peak between steps.
+"""A run without results on disk, and cases with other elements or steps.
 
 ``peak_force_N`` is the recorded force of largest size (``record.history.peak_force``). It changes
 by chance from one step size to the next, in the same way with every scheme, and so hides errors
@@ -16,75 +16,19 @@ from typing import Any
 import basix.ufl
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case, CyclesSection, RampSection
 from wovenfab.case.objects import simulation_of
+from wovenfab.case.program import program_of_case
 from wovenfab.model.model import Model
-from wovenfab.record.history import index_of_peak, peak_force
+from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.progress import InterruptedRunError
 from wovenfab.simulation.simulation import Outcome
 from wovenfab.stepping.step import Step
+from wovenfab.study.force_curve import ForceCurve
 
 Array = NDArray[np.float64]
-#: Steps through which a parabola goes, and points between two steps where two are compared.
-THREE, BETWEEN = 3, 129
-
-
-def peak_bound(times: Array, forces: Array) -> tuple[float, float]:
-    """Return when the curve may be largest in size, even by a kink, s, and that force, N.
-
-    Before and after it the curve goes on as parabolas through three steps each, which meet
-    where it is largest, be that smooth or, where friction reverses, nearly a kink. Where
-    steps are too long to resolve the curvature, that is too much.
-
-    Args:
-        times: Of the steps, s, shape (n,).
-        forces: At the steps, N, shape (n,).
-    """
-    at, sign, sizes = _largest(forces)
-    best = float(sizes[at]), float(times[at])
-    for j in (at - 1, at):
-        if j < THREE - 1 or j + THREE >= len(times):
-            continue
-        t = np.linspace(times[j], times[j + 1], BETWEEN)
-        before, after = slice(j - THREE + 1, j + 1), slice(j + 1, j + THREE + 1)
-        sides = [_parabola(times[s], sizes[s], times[j])(t - times[j]) for s in (before, after)]
-        curve = np.minimum(*sides)
-        best = max(best, (float(curve.max()), float(t[curve.argmax()])))
-    return best[1], sign * best[0]
-
-
-def missed_peak(times: Array, forces: Array) -> float:
-    """Return what the steps may miss of the force of largest size between them, over it."""
-    largest = float(np.abs(forces).max(initial=0.0))
-    return abs(peak_bound(times, forces)[1]) / largest - 1 if largest else 0.0
-
-
-def peak_of_spline(times: Array, forces: Array) -> tuple[float, float]:
-    """Return when a spline through the forces of steps is largest in size, s, and that size, N.
-
-    Args:
-        times: Of the steps, s, shape (n,).
-        forces: At the steps, N, shape (n,).
-    """
-    between = np.linspace(times[0], times[-1], len(times) * BETWEEN)
-    curve = CubicSpline(times, np.abs(forces))(between)
-    return float(between[curve.argmax()]), float(curve.max())
-
-
-def _largest(forces: Array) -> tuple[int, float, Array]:
-    """Return which step's force is largest in size, its sign, and forces with that as plus."""
-    at = index_of_peak(forces)
-    sign = 1.0 if forces[at] >= 0 else -1.0
-    return at, sign, sign * np.asarray(forces)
-
-
-def _parabola(times: Array, values: Array, origin: float) -> np.poly1d:
-    return np.poly1d(np.polyfit(times - origin, values, THREE - 1))
-
-
 #: Fewest steps of a segment or cycle.
 FEWEST = 4
 #: Share of an accuracy to which forces must balance where responses are compared.
@@ -129,12 +73,14 @@ class Response:
         outcome: Effort of all steps.
         model: The model, whose field is that of the largest force.
         states: The field by time, its unknowns with ghosts; empty unless asked for.
+        breaks: Times at which the force may jump, s.
     """
 
     steps: tuple[Step, ...]
     outcome: Outcome
     model: Model
     states: Mapping[float, Array]
+    breaks: tuple[float, ...] = ()
 
     @property
     def times(self) -> Array:
@@ -150,6 +96,11 @@ class Response:
     def forces(self) -> Array:
         """Force that is conjugate to the program, N."""
         return np.array([s.force for s in self.steps])
+
+    @property
+    def curve(self) -> ForceCurve:
+        """Force against time."""
+        return ForceCurve(self.times, self.forces, self.breaks)
 
     @property
     def dissipated(self) -> Array:
@@ -243,7 +194,14 @@ def response_of(
         if outcome.signal:
             raise InterruptedRunError(outcome.signal)
         field[:] = at_peak
-    return Response(tuple(steps), outcome, simulation.model, states)
+    return Response(tuple(steps), outcome, simulation.model, states, breaks_of(case))
+
+
+def breaks_of(case: Case) -> tuple[float, ...]:
+    """Return the times (s) at which the force may jump: reversals, if friction has no rate."""
+    jumps = any(e.effect.set_valued for e in case.scene) or not case.needs.rate
+    reverses = case.needs.history and jumps
+    return tuple(sorted(program_of_case(case).reversals)) if reverses else ()
 
 
 def with_elements(case: Case, **changes: object) -> Case:

@@ -22,7 +22,8 @@ from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
 from wovenfab.study.errors.steps import PEAK
-from wovenfab.study.response import missed_peak
+from wovenfab.study.force_curve import ForceCurve
+from wovenfab.study.response import breaks_of
 
 Array = NDArray[np.float64]
 
@@ -155,6 +156,7 @@ def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
 
 def report_errors(
     errors: Mapping[str, Any],
+    case: Case,
     summary: Mapping[str, Any],
     history: Mapping[str, Array],
     directory: Path | None,
@@ -169,13 +171,15 @@ def report_errors(
 
     Args:
         errors: What :func:`errors_of` returned.
+        case: What was run.
         summary: Summary of the run.
         history: Its columns.
         directory: Its results directory, or None.
         say: Gets messages.
     """
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
-    missed = {PEAK: missed_peak(history["time_s"], history["force_N"])} if steps else {}
+    curve = ForceCurve(history["time_s"], history["force_N"], breaks_of(case))
+    missed = {PEAK: curve.missed_peak()} if steps else {}
     figures = {
         name: _error(summary[name], share, steps, name, missed.get(name, 0.0))
         for name, share in errors["elements"].items()

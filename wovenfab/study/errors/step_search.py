@@ -13,7 +13,6 @@ from math import inf
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 from wovenfab.case import Case
 from wovenfab.case.objects import scheme_of, sheet_of
@@ -26,14 +25,12 @@ from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.estimate import SAFETY, Estimate, worst
 from wovenfab.study.errors.meshes import Mesher, has_free_size
 from wovenfab.study.errors.steps import PEAK, StepRefinement
+from wovenfab.study.force_curve import ForceCurve
 from wovenfab.study.response import (
     Budget,
     Response,
     TooLongError,
     has_fixed_steps,
-    missed_peak,
-    peak_bound,
-    peak_of_spline,
     response_of,
     trial_of,
     with_extra_times,
@@ -188,7 +185,7 @@ class StepSearch:
         with suppress(StepFailedError, StabilityLostError, TooLongError):
             if self._model is None or own.model.unknowns != self._model.unknowns:
                 own = self._run(with_steps(self._trial, share))
-            late, early = (peak_of_spline(r.times, r.forces)[0] for r in (other, own))
+            late, early = (r.curve.peak_of_spline()[0] for r in (other, own))
             self._delay = late - early
             self._larger = {
                 name: max(1.0, abs(own.figures[name] / value))
@@ -293,7 +290,7 @@ class StepSearch:
             target: Error of the steps.
         """
         for growth in map(float, np.geomspace(1 / FAR, FAR, OPTIONS)):
-            missed, extra = missed_peak(response.times, response.forces), tuple[float, ...]()
+            missed, extra = response.curve.missed_peak(), tuple[float, ...]()
             if kind is equal_steps:
                 missed, extra = self._missed(equal_steps(self._trial, growth * number), response)
             highest = scheme_of(self._trial).order
@@ -315,16 +312,16 @@ class StepSearch:
             case: With equal steps.
             response: That of other steps.
         """
-        later, forces = response.times + self._delay, response.forces
-        curve, extra = CubicSpline(later, forces), list[float]()
+        own = response.curve
+        late = (own.times + self._delay, own.forces, [b + self._delay for b in own.breaks])
+        curve, extra = ForceCurve(*late), list[float]()
         times = _planned_times(case)
         near = NEAR * np.diff(times).min()
-        for largest in (peak_of_spline, peak_bound):
-            time = largest(later, forces)[0]
+        for time, _ in (curve.peak_of_spline(), curve.peak_bound()):
             if np.abs(times - time).min() > near and 0 < time < times[-1]:
                 extra.append(time)
                 times = _planned_times(with_extra_times(case, extra))
-        return missed_peak(times, curve(times)), tuple(extra)
+        return ForceCurve(times, curve.spline(times), curve.breaks).missed_peak(), tuple(extra)
 
     def _response(self, kind: Kind, number: float, most: float) -> Response | None:
         """Return the response with so many times the first steps; None where it has no end.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import log
 
 from wovenfab.study.errors.refinement import error_of_degrees
-from wovenfab.study.response import Response, peak_of_spline
+from wovenfab.study.response import Response
 
 PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
 
@@ -50,7 +50,7 @@ class StepRefinement:
         """
         counts = [r.count for r in self.responses]
         values = {
-            PEAK: [peak_of_spline(r.times, r.forces)[1] for r in self.responses],
+            PEAK: [r.curve.peak_of_spline()[1] for r in self.responses],
             DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
         }
         result = {}
