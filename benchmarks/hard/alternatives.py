@@ -183,7 +183,7 @@ class Halving(StepSizeControl):
         self._targets = self._targets or [end]
         return self._targets[-1]
 
-    def accepted(self, length: float, tangents: int) -> None:
+    def accepted(self, length: float, iterations: int) -> None:
         """Go on to the next time."""
         self._targets.pop()
 

@@ -180,7 +180,7 @@ def test_the_way_back_is_known_only_where_nothing_depends_on_the_past(
     program = program_of(cycle(0.0, 0.04, 1.0, 12))
     steps = scenes.run(model, program).steps[1:]
     there, back = steps[:6], steps[6:]
-    assert (sum(s.tangents for s in back) <= len(back)) == is_known
+    assert (sum(s.iterations for s in back) <= len(back)) == is_known
     forces = [s.reactions["right"][0] for s in (*there, *back)]
     if is_known:
         assert forces[-2:5:-1] == pytest.approx(forces[:5], rel=1e-6)

@@ -177,7 +177,9 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     summary = {"peak_force_N": 1.0, "dissipated_J": 2.0}
     history = {"time_s": np.arange(3.0), "force_N": np.arange(3.0)}
     lines: list[str] = []
-    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)["accuracy"]
+    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)[
+        "accuracy"
+    ]
     loss, force = (said["figures"][name] for name in ("dissipated_J", "peak_force_N"))
     assert loss["error_of_steps"] is loss["relative_error"] is loss["error"] is None
     assert loss["error_of_elements"] == pytest.approx(2 * 2e-3)
@@ -212,7 +214,9 @@ def test_a_peak_that_falls_between_the_steps_of_the_run_counts(phase: float, mis
     }
     summary, lines = {"peak_force_N": float(forces.max())}, list[str]()
     history = {"time_s": t, "force_N": forces}
-    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)["accuracy"]
+    said = report_errors(errors, case_of("bias-1x3"), summary, history, None, lines.append)[
+        "accuracy"
+    ]
     error = said["figures"]["peak_force_N"]["relative_error"]
     assert error >= 1 - forces.max()
     assert error == pytest.approx(SAFETY * (1e-6 + 2e-6) + 1 / forces.max() - 1)
@@ -231,6 +235,6 @@ def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:
 def test_friction_at_its_bound_takes_few_iterations_on_a_fabric_that_is_soft_in_shear() -> None:
     case = case_of("bonded-1x3", *SOFT, elements(3, 0.15), "time=null")
     outcome = response_of(case, sheet(case)).outcome
-    print(f"\n{outcome.tangents} tangents in {outcome.steps} steps")
+    print(f"\n{outcome.iterations} tangents in {outcome.steps} steps")
     assert not outcome.cutbacks
-    assert outcome.tangents <= 8 * outcome.steps
+    assert outcome.iterations <= 8 * outcome.steps

@@ -127,7 +127,7 @@ def test_what_trials_take_is_told_by_their_tangents_and_not_by_a_clock() -> None
     runs = [response_of(case, on, budget=budget) for budget in twice]
     assert twice[0].spent == twice[1].spent > 0
     least = Budget()
-    least.spend(runs[0].outcome.tangents, runs[0].model.unknowns)
+    least.spend(runs[0].outcome.iterations, runs[0].model.unknowns)
     assert least.spent <= twice[0].spent * (1 + 1e-9)
     short = Budget(twice[0].spent / 2)
     with pytest.raises(TooLongError, match=r"after [1-3] steps"):

@@ -243,7 +243,7 @@ class Solver(Section):
     """Whether a step starts from the motion extrapolated, or from the last state."""
 
     factor: Literal["kept", "renewed"] = "kept"
-    """Whether earlier tangents and factors serve where that is quicker, or none but the present."""
+    """Whether earlier factors serve where that is quicker, or none but the present one."""
 
     stability: Literal["stop", "follow", "ignore"] = "stop"
     """Where the sheet buckles: stop, follow the branch of minima, or stay on the saddle."""

@@ -360,7 +360,7 @@ def _padded(planar: NDArray[np.float64]) -> NDArray[np.float64]:
 #: the second program (m); shape (4, n).
 PROGRAM = "program"
 #: Version of what checkpoints hold; another one cannot be read.
-VERSION = 7
+VERSION = 8
 
 
 @dataclass(frozen=True)

@@ -239,7 +239,6 @@ class Outcome:
         paused: Whether it stopped at a time that was asked for.
         steps: Accepted steps.
         iterations: Their Newton iterations.
-        tangents: Number of these that formed a tangent.
         cutbacks: Rejected attempts.
     """
 
@@ -248,7 +247,6 @@ class Outcome:
     paused: bool = False
     steps: int = 0
     iterations: int = 0
-    tangents: int = 0
     cutbacks: int = 0
 
     def after(self, step: Step) -> Outcome:
@@ -256,16 +254,13 @@ class Outcome:
         return Outcome(
             steps=step.number,
             iterations=self.iterations + step.iterations,
-            tangents=self.tangents + step.tangents,
             cutbacks=self.cutbacks + step.cutbacks,
         )
 
     @property
     def effort(self) -> dict[str, int]:
         """The counters, which go on with a run."""
-        return {
-            name: getattr(self, name) for name in ("steps", "iterations", "tangents", "cutbacks")
-        }
+        return {name: getattr(self, name) for name in ("steps", "iterations", "cutbacks")}
 
     def __str__(self) -> str:
         """Return how the run ended, as in the summary."""

@@ -8,8 +8,7 @@ One iteration of Newton's method, in order:
    that is an unknown as well (``InteriorPoint``).
 2. ``NewtonSolver.test`` ends the solve if forces balance (``Convergence.reason``) and friction
    obeys its law (``InteriorPoint.obeys_law``), or if nothing is gained any more.
-3. ``NewtonSolver.evaluate_jacobian`` assembles the tangent, unless that of the step before
-   serves again (``TangentReuse``).
+3. ``NewtonSolver.evaluate_jacobian`` assembles the tangent.
 4. ``LinearSolver.solve`` gives Newton's step: with a new Cholesky factor, or by conjugate
    gradients with an older one, by what costs less. The factor counts negative eigenvalues.
 5. ``NewtonSolver.limit_step`` changes the step:
@@ -25,7 +24,7 @@ the solution. ``diagnose`` names the cause of a failure.
 
 PETSc's SNES (newtonls) runs the loop. Its monitors and viewers act, as do the options of its
 linear solver (``ksp_``, ``pc_``, ``mat_mumps_``), which may replace the Cholesky factorisation.
-Convergence test, line search and reuse of tangents are those above: ``snes_atol``,
+Convergence test and line search are those above: ``snes_atol``,
 ``snes_rtol`` and ``snes_stol`` have no effect; ``snes_max_it`` ends a solve as
 ``solver.max_iterations`` does; ``snes_linesearch_type`` other than ``basic`` searches once more
 along the shortened step.

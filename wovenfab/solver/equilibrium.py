@@ -15,18 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.model.model import Model, with_friction_stress
+from wovenfab.solver.back_off import BackOff
 from wovenfab.solver.globalisation import CrossingLimit
 from wovenfab.solver.interior_point import InteriorPoint
 from wovenfab.solver.linear import LinearSolver, create_direct
 from wovenfab.solver.newton import NewtonSolver
 from wovenfab.solver.problem import PetscOptions, Problem, SolveResult, SolverOptions
-from wovenfab.solver.reuse import BackOff
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 
 logger = logging.getLogger(__name__)
 #: Iterations after which bounded friction gets its stress at points.
 SMOOTH_ITERATIONS = 12
-#: Tangents up to which a step by the smooth law was easy.
+#: Iterations up to which a step by the smooth law was easy.
 EASY = SMOOTH_ITERATIONS // 2
 
 
@@ -146,7 +146,7 @@ class EquilibriumSolver:
             self._use_smooth_law()
         elif self._is_sharp:
             self._smooth_law.skip()
-        elif self.newton.tangents <= EASY:
+        elif self.newton.snes.getIterationNumber() <= EASY:
             self._smooth_law.reset()
 
     def restore(self) -> None:
@@ -226,7 +226,6 @@ class EquilibriumSolver:
             iterations=newton.snes.getIterationNumber(),
             residual=newton.norm,
             negatives=newton.judge() if reason > 0 else 0,
-            tangents=newton.tangents,
         )
 
     def _try_options(self) -> None:

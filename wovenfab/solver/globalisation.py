@@ -268,9 +268,6 @@ def backtrack(
 EPSILON = float(np.finfo(np.float64).eps)
 #: A change of the potential below this share of it is round-off, not an increase.
 ROUND_OFF = 1e-12
-#: A step with an older tangent may reduce forces of stiff directions more than those of soft
-#: ones, which hardly count in the norm, by this factor.
-BEHIND = 10.0
 
 
 #: What the judgement of later residuals depends on.
@@ -335,13 +332,11 @@ class Convergence:
         force: float,
         decrement: float | None,
         energy: float,
-        left: float | None = None,
     ) -> int | None:
         """Return PETSc's reason to end, or None where forces do not balance yet.
 
         Newton's decrement is twice the energy that a step gains; convergence is quadratic, so
-        a step of relative energy ``tolerance`` leaves its square. With an older tangent it is
-        linear: the next step would gain as much less as forces have become smaller, squared.
+        a step of relative energy ``tolerance`` leaves its square.
 
         Rounding at a few stiff nodes, as those of a sliver, may exceed all other forces, whose
         balance the residual then does not show. It has next to no energy, so that the decrement
@@ -353,7 +348,6 @@ class Convergence:
             decrement: That of the last step if it was a full one, otherwise infinite, J; None
                 where it is not measured.
             energy: Potential, J.
-            left: Share of the residual that the last step left, if its tangent was an older one.
         """
         largest = max(self._force, force)
         small = np.sqrt(self._tolerance) * largest
@@ -364,8 +358,6 @@ class Convergence:
         if decrement is None:
             return None
         least = self._tolerance * self.scale_of(energy)
-        if left is not None:
-            decrement, least = decrement * (BEHIND * left) ** 2, least * self._tolerance
         # Positions that are rounded have an energy, which is all that there is at rest: at most
         # the sum of the tangent's diagonal, which its norm bounds, times their error squared.
         least = max(least, np.sqrt(self._unknowns) * rounding * self._position_roundoff)

@@ -4,7 +4,8 @@ A factorisation costs as much as tens of solutions with its factor. Tangents cha
 from one Newton step to the next, so that an older factor is a good preconditioner of conjugate
 gradients (CG). CG needs more iterations the older the factor is. The tangent is factorised
 again when the next system would cost more than the average since the last factorisation, that
-one included: there the average is least.
+one included: there the average is least. A run that goes on from a checkpoint begins with a
+factorisation.
 
 Tangents of minima are positive definite, and their factorisation needs no search for pivots.
 The first tangent with a negative pivot is factorised again with a search, and so are all later
@@ -14,8 +15,8 @@ ones: only then is their number reliable.
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping
-from math import inf, isfinite
+from collections.abc import Mapping
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from petsc4py import PETSc
 
 from wovenfab.model.memory import attributes, take_attributes
-from wovenfab.solver.reuse import BackOff
+from wovenfab.solver.back_off import BackOff
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -46,8 +47,6 @@ LEAST_SPACE, MOST_SPACE = 50, 1000
 OPERATIONS_PER_USE = 40.0
 #: Error of a solution in the energy norm, relative: no Newton step needs less.
 ACCURACY = 1e-8
-#: Effort of factorisation and solutions so far.
-EFFORT = "_positive", "_cost", "_spent", "_solved", "_last"
 
 
 class ConjugateGradients:
@@ -149,7 +148,6 @@ class LinearSolver:
         iterations: Of CG with an older factor for the last system; 0 with a factor of its own.
         workspace_percent: By how much MUMPS's workspace exceeds its estimate (per cent); 0 for
             its default.
-        source: What the present matrix was formed from.
     """
 
     def __init__(
@@ -177,16 +175,9 @@ class LinearSolver:
         self.workspace_percent = 0
         self._begun = False  # PETSc's factor must not be asked for before: that creates one
         self._made = -1  # state of the matrix when it was factorised
-        self.source: Any = None
-        self._source_of_factor: Any = None
         self._cost = 0.0  # of a factorisation, in iterations
         self._spent, self._solved, self._last = 0.0, 0, 0  # since then
         self._back_off = BackOff("an older factor does not precondition well enough")
-
-    @property
-    def keeps(self) -> bool:
-        """Whether a tangent and its factor may serve more than once."""
-        return self.counts and isfinite(self._keep_from)
 
     @property
     def is_present(self) -> bool:
@@ -248,33 +239,13 @@ class LinearSolver:
         self._made, self._solved = -1, 0
 
     def snapshot(self) -> dict[str, Any]:
-        """Return the effort so far, and what the factor was formed from if it is kept."""
-        kept = self._solved and self.keeps and self.definite and self._cost >= self._keep_from
-        return {
-            "effort": attributes(self, *EFFORT),
-            "back_off": self._back_off.snapshot(),
-            "ratio": self._gradients.ratio if self._gradients else None,
-            "source": self._source_of_factor if kept else None,
-        }
+        """Return what decides how the next matrix is factorised."""
+        return attributes(self, "_positive")
 
-    def resume(self, snapshot: Mapping[str, Any], form: Callable[[Any], None]) -> None:
-        """Go on with a snapshot, and with the factor if that is kept; collective.
-
-        Args:
-            snapshot: Of a linear solver of the same problem.
-            form: Forms the matrix from its source.
-        """
-        if snapshot["source"] is not None:
-            self._positive = snapshot["effort"]["positive"]
-            form(snapshot["source"])
-            self._renew()
-        take_attributes(self, snapshot["effort"], *EFFORT)
-        self._back_off.resume(snapshot["back_off"])
-        if snapshot["ratio"] is not None and self._begun:
-            self._gradients = ConjugateGradients(self._matrix, self._pc)
-            self._gradients.ratio = snapshot["ratio"]
-        if snapshot["source"] is None:
-            self.forget()
+    def resume(self, snapshot: Mapping[str, Any]) -> None:
+        """Go on with that of a snapshot."""
+        take_attributes(self, snapshot, "_positive")
+        self.forget()
 
     def view(self, viewer: Any) -> None:
         """Describe the solver to a PETSc viewer; collective."""
@@ -307,7 +278,7 @@ class LinearSolver:
             self._positive = False
             self._pc.reset()
             self._factorise()
-        self._made, self._source_of_factor = self._matrix.stateGet(), self.source
+        self._made = self._matrix.stateGet()
         if self.counts:
             entries = self._count_of(ENTRIES)
             entries = entries if entries >= 0 else -1_000_000 * entries  # millions

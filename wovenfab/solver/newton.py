@@ -32,8 +32,7 @@ from wovenfab.solver.globalisation import (
 )
 from wovenfab.solver.linear import LinearSolver
 from wovenfab.solver.problem import Problem, SolverOptions
-from wovenfab.solver.reuse import TangentReuse, relative_distance
-from wovenfab.solver.tangent_spectrum import UNSEEN, TangentSpectrum, start_vector
+from wovenfab.solver.tangent_spectrum import TangentSpectrum, start_vector
 
 logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -74,7 +73,6 @@ class NewtonSolver:
         solution: Its unknowns, m.
         spectrum: Eigenvalues of the tangent.
         step: The last step that was judged, before it was shortened, at own unknowns, m.
-        tangents: Number of iterations of the last solve that formed a tangent.
         formed: Number of tangents that were formed so far, for whatever purpose.
         norm: Norm of the residual force at the last iterate, N.
         saddle_at_start: Whether the tangent was indefinite where the last solve began.
@@ -103,12 +101,9 @@ class NewtonSolver:
         self.problem, self.options, self.linear, self.crossing = problem, options, linear, crossing
         self.solution = problem.residual.duplicate()
         self._matrix = matrix
-        self.norm, self.tangents, self.formed, self.saddle_at_start = 0.0, 0, 0, False
-        # The last solution, where the solve began, where the tangent was formed, the last step.
-        self._before, self._began, self._assembled, self.step = np.zeros(
-            (4, self.solution.getLocalSize())
-        )
-        self._reuse, self._left = TangentReuse(), np.inf  # share of the residual left by a step
+        self.norm, self.formed, self.saddle_at_start = 0.0, 0, False
+        # The last solution, where the tangent was formed, the last step.
+        self._before, self._assembled, self.step = np.zeros((3, self.solution.getLocalSize()))
         model = problem.model
         cell_size = largest_cell(model.sheet.mesh)
         self._convergence = Convergence(options.tolerance, cell_size, model.unknowns)
@@ -131,12 +126,10 @@ class NewtonSolver:
         problem = self.problem
         problem.constraints.complete(problem.model.field)
         self.solution.array_w[:] = problem.model.field.x.array[: self.solution.getLocalSize()]
-        self.norm, self.tangents, self._most = np.nan, 0, most
-        self._began[:] = self.solution.array_r
+        self.norm, self._most = np.nan, most
         self._before[:] = problem.model.last.x.array[: self._before.size]
         problem.begin()
         self.line_search.begin()
-        self._reuse.begin()
         self.spectrum.restart()
         # Shifted tangents and stress at points change the matrix too much for an older factor.
         self.linear.definite = not (self.options.descend or problem.friction)
@@ -152,24 +145,14 @@ class NewtonSolver:
         """Return what later solves depend on."""
         return {
             "convergence": self._convergence.snapshot(),
-            "reuse": self._reuse.snapshot(),
             "spectrum": self.spectrum.snapshot(),
             "linear": self.linear.snapshot(),
         }
 
     def resume(self, snapshot: Mapping[str, Any]) -> None:
-        """Go on from a snapshot; collective.
-
-        The kept factor is formed again where this run has what its tangent was formed from:
-        another time scheme has other states in its rate, and its run factorises anew.
-        """
-        linear = snapshot["linear"]
-        if linear["source"] is not None and not self._has_parts_of(linear["source"]):
-            linear = {**linear, "source": None}
-        with preserved(*self._tangent_fields, *self._tangent_weights):
-            self.linear.resume(linear, self._form_again)
+        """Go on from a snapshot; the first tangent is factorised anew."""
+        self.linear.resume(snapshot["linear"])
         self.spectrum.resume(snapshot["spectrum"])
-        self._reuse.resume(snapshot["reuse"])
         self._convergence.resume(snapshot["convergence"])
 
     @property
@@ -199,12 +182,9 @@ class NewtonSolver:
         self.problem.evaluate_residual(b)
 
     def evaluate_jacobian(self, snes: Any, x: Any, matrix: Any, preconditioner: Any) -> None:
-        """Assemble the tangent, unless that of the last step serves once more."""
-        self._reuse.taken = self._is_reusable()
-        if not self._reuse.taken:
-            self.tangents += 1
-            self.spectrum.restart()
-            self.form_tangent(x)
+        """Assemble the tangent."""
+        self.spectrum.restart()
+        self.form_tangent(x)
 
     def form_tangent(self, x: Any) -> None:
         """Assemble the tangent at given unknowns."""
@@ -212,39 +192,7 @@ class NewtonSolver:
         self.problem.load(x)
         self._assembled[:] = x.array_r
         size = self.problem.evaluate_tangent(self._matrix)
-        self.linear.source = {
-            "fields": [field.x.array.copy() for field in self._tangent_fields],
-            "weights": [float(weight.value) for weight in self._tangent_weights],
-            "variables": memory.snapshot() if (memory := self.problem.model.memory) else {},
-        }
         self._convergence.measure(size, x.norm(PETSc.NormType.INFINITY))
-
-    def _has_parts_of(self, source: Mapping[str, Any]) -> bool:
-        """Return whether the tangent depends on as many fields and constants as another did."""
-        counts = len(source["fields"]), len(source["weights"])
-        return counts == (len(self._tangent_fields), len(self._tangent_weights))
-
-    def _form_again(self, source: Mapping[str, Any]) -> None:
-        """Form the tangent from what another one was formed from."""
-        for field, values in zip(self._tangent_fields, source["fields"], strict=True):
-            field.x.array[:] = values
-        for weight, value in zip(self._tangent_weights, source["weights"], strict=True):
-            weight.value = value
-        if self.problem.model.memory:
-            self.problem.model.memory.resume(source["variables"])
-        self.problem.evaluate_tangent(self._matrix)
-
-    @property
-    def _tangent_fields(self) -> tuple[Any, ...]:
-        """The fields that the tangent depends on."""
-        model = self.problem.model
-        return (model.field, model.last, *model.history)
-
-    @property
-    def _tangent_weights(self) -> tuple[Any, ...]:
-        """The constants that it depends on."""
-        model = self.problem.model
-        return (model.friction, model.geometric_weight, *model.rate_weights)
 
     def evaluate_objective(self, snes: Any, x: Any) -> float:
         """Return the potential, J."""
@@ -325,7 +273,6 @@ class NewtonSolver:
         """Return PETSc's reason to end the solve, or that it goes on."""
         self.on_iteration()
         residual = norms[2]
-        self._left = residual / self.norm if iteration and self.norm else np.inf
         self.norm = residual
         if logger.isEnabledFor(logging.DEBUG):
             self._log(iteration, residual)
@@ -337,7 +284,6 @@ class NewtonSolver:
                 self.problem.force_norm,
                 None if self.problem.friction else self.line_search.decrement,
                 self.line_search.potential or 0.0,
-                self._left if self._reuse.taken else None,
             )
             if reason is not None:
                 return reason
@@ -380,21 +326,15 @@ class NewtonSolver:
         """Return the largest energy (J) of an equilibrium so far, and of this state."""
         return self._convergence.scale_of(self.line_search.measure())
 
-    def _is_reusable(self) -> bool:
-        """Return whether the tangent serves for another step; collective."""
-        late = 2 * self.snes.getIterationNumber() > self._most
-        usual = self.linear.keeps and self.linear.definite and not self.spectrum.altered
-        if late or not usual or not self._reuse.promises(self._left):
-            return False
-        return not self.linear.negatives and self._distance(self._began) <= UNSEEN
-
     def _distance(self, place: Array) -> float:
         """Return the distance of unknowns from the present ones, relative; collective.
 
         It is over the distance of the present ones from the last solution.
         """
         now = self.solution.array_r
-        return relative_distance(self.problem.model.comm, now, place, self._before)
+        distances = [float(np.abs(now - x).max(initial=0.0)) for x in (place, self._before)]
+        step, whole = np.max(self.problem.model.comm.allgather(distances), axis=0)
+        return float(step / whole) if whole > 0 else np.inf
 
     def _log(self, iteration: int, residual: float) -> None:
         """Log the iterate and the step that led to it; collective."""
@@ -404,7 +344,7 @@ class NewtonSolver:
             potential = self.problem.energy()
         step = "start"
         if iteration:
-            tangent = self.spectrum.modification or ("reused" if self._reuse.taken else "new")
+            tangent = self.spectrum.modification or "plain"
             linear = f"{self._cg} CG iterations" if self._cg else "new factor"
             step = f"step {self._length:.3g}, tangent {tangent}, {linear}"
         fields = ", ".join(f"|r_{i}| {norm:.3e}" for i, norm in enumerate(norms, start=1))

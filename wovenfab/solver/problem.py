@@ -64,7 +64,6 @@ class SolveResult:
         residual: Norm of the residual force, N.
         negatives: Number of negative eigenvalues of the tangent at the solution; it is a
             minimum of the incremental potential if there is none.
-        tangents: Number of iterations that formed one, which takes most of the time.
     """
 
     converged: bool
@@ -72,7 +71,6 @@ class SolveResult:
     iterations: int
     residual: float
     negatives: int = 0
-    tangents: int = 0
 
 
 class OptionError(Exception):

@@ -110,13 +110,13 @@ class ForceControl:
         field, own = self._problem.model.field.x, self._problem.model.placements.owned
         low, high = -np.inf, np.inf  # displacements between which the force is attained
         last: _Point | None = None
-        failures, iterations, tangents = 0, 0, 0
+        failures, iterations = 0, 0
         u, self.beyond = state.reached, None
         self._y[:] = 0.0
         for _ in range(MOST):
             result = state.solve_for(u)
-            iterations, tangents = iterations + result.iterations, tangents + result.tangents
-            result = replace(result, iterations=iterations, tangents=tangents)
+            iterations += result.iterations
+            result = replace(result, iterations=iterations)
             point = None
             if result.converged and not self._refuses(result):
                 lack = target - self._reached(u)

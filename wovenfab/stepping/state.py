@@ -308,7 +308,7 @@ def equilibrate(
         refuses: Whether an equilibrium must not be accepted, since it is no minimum.
 
     Returns:
-        How it was found, with all iterations and tangents, or None where nothing acts; and the
+        How it was found, with all iterations, or None where nothing acts; and the
         number of rejected attempts.
 
     Raises:
@@ -322,7 +322,7 @@ def equilibrate(
     if not moved and not problem.constraints.unmet(model.field):
         return None, 0
     field = model.field.x.array
-    share, step, iterations, tangents, rejected = 0.0, 1.0, 0, 0, 0
+    share, step, iterations, rejected = 0.0, 1.0, 0, 0
     with preserved(model.friction):
         model.friction.value = 0.0
         while share < 1:
@@ -333,11 +333,10 @@ def equilibrate(
             if result.converged and not refuses(result):
                 share += step
                 iterations += result.iterations
-                tangents += result.tangents
                 continue
             field[:] = reached
             rejected += 1
             if step / 2 < smallest:
                 raise StartFailedError(0.0, program, step, result, rejected)
             step /= 2
-    return replace(result, iterations=iterations, tangents=tangents), rejected
+    return replace(result, iterations=iterations), rejected

@@ -33,7 +33,6 @@ class Step:
         cutbacks: Rejected attempts before it since the last accepted step.
         milestone: The planned time that it reaches, or None on the way to it.
         negatives: Negative eigenvalues of the tangent; none where the state is a minimum.
-        tangents: Number of its iterations that formed a tangent.
         force, force_transverse: Force that is conjugate to the program, and that across it, N
             (:meth:`~wovenfab.model.constraints.Constraints.conjugate`).
         force_error: Estimated error of ``force`` by the time step, N.
@@ -55,7 +54,6 @@ class Step:
     cutbacks: int
     milestone: Milestone | None
     negatives: int = 0
-    tangents: int = 0
     loss: StabilityLoss | None = None
     error: StepError | None = None
     dissipated_error: float = 0.0
@@ -170,10 +168,10 @@ class StepSizeControl:
         number = max(1, ceil(left / self._length - SLACK))
         return end if number == 1 else now + left / number
 
-    def accepted(self, length: float, tangents: int) -> None:
-        """Grow after an accepted step of ``length`` (s), if its number of tangents allows."""
+    def accepted(self, length: float, iterations: int) -> None:
+        """Grow after an accepted step of ``length`` (s), if its number of iterations allows."""
         self._row += 1
-        if self._target == -inf and (tangents <= EASY or self._row >= ENOUGH):
+        if self._target == -inf and (iterations <= EASY or self._row >= ENOUGH):
             self._length = max(self._length, GROWTH * length)
             self._row = 0
 

@@ -235,7 +235,7 @@ class TimeStepper:
                 state.accept(until, jump)
                 self._note_change()
                 if self._time_error is None:
-                    step_size.accepted(length, result.tangents)
+                    step_size.accepted(length, result.iterations)
                 loss = self._stability.passed()
                 if loss is not None:
                     logger.info("%s; the branch is followed", loss)
@@ -370,7 +370,6 @@ class TimeStepper:
             cutbacks=self._cutbacks,
             milestone=milestone,
             negatives=result.negatives if result else 0,
-            tangents=result.tangents if result else 0,
             loss=loss,
             error=balance.error,
             derivatives=self._tangent_linear.derivatives if self._tangent_linear else None,

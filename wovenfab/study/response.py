@@ -175,7 +175,7 @@ def response_of(
             spend()
             if budget.spent > budget.limit:
                 raise TooLongError(f"more work than is allowed after {step.number} steps")
-            if simulation.outcome.tangents > tangents:
+            if simulation.outcome.iterations > tangents:
                 raise TooLongError(f"more than {tangents:.0f} tangents in {step.number} steps")
             if step.milestone is None and not every:
                 return

@@ -252,7 +252,7 @@ class StepSearch:
                 known, number = [], 2 * number
                 continue
             known = [*(r for r in known if APART * r.count <= response.count), response]
-            tangents, growth = response.outcome.tangents, 2.0
+            tangents, growth = response.outcome.iterations, 2.0
             if len(known) >= 3:
                 refinement = StepRefinement(known[-3:], scheme_of(self._trial).order)
                 figures = {
@@ -296,7 +296,7 @@ class StepSearch:
             highest = scheme_of(self._trial).order
             orders = {n: order if growth > 1 else highest for n, (_, order) in figures.items()}
             errors = {n: e / growth ** orders[n] for n, (e, _) in figures.items()}
-            effort = growth * response.outcome.tangents
+            effort = growth * response.outcome.iterations
             option = TimeSteps(kind, growth * number, errors, effort, orders, missed, extra)
             if _reaches(option, target):
                 break
@@ -332,7 +332,7 @@ class StepSearch:
             response = None
             try:
                 response = self._run(kind(self._trial, number), most)
-                tangents = response.outcome.tangents
+                tangents = response.outcome.iterations
                 self._report(f"{_words(kind)}: {response.count}, {tangents} tangents")
             except TooLongError:
                 self._given_up.add(kind)
