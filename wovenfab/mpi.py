@@ -79,15 +79,34 @@ def _foreign(launcher: str, library: str) -> str:
     )
 
 
+class PetscStartError(Exception):
+    """PETSc cannot use the options of a command line."""
+
+
 def start_petsc(options: Sequence[str] = ()) -> None:
     """Start PETSc with options of a command line, unless it has been started.
 
     Files of options (``.petscrc``, ``petscrc``) are left out: those in the current folder may have
     come with a case, and options can run code and write files.
+
+    Raises:
+        PetscStartError: PETSc cannot use the options.
     """
+    if options and not options[0].startswith("-"):
+        raise PetscStartError(
+            f"there is an argument too many: {options[0]}; PETSc options follow after a double "
+            "dash, and begin with a dash each"
+        )
     import petsc4py
 
-    petsc4py.init(["wovenfab", "-skip_petscrc", *options])
+    try:
+        petsc4py.init(["wovenfab", "-skip_petscrc", *options])
+    except Exception as error:
+        if not options:
+            raise
+        raise PetscStartError(
+            f"PETSc does not start with {' '.join(options)}: it cannot use one of the values"
+        ) from error
 
 
 def command_of(name: str) -> str | None:

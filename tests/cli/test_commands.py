@@ -328,6 +328,17 @@ def test_code_in_the_current_folder_is_never_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.parametrize("words", [("-v", "2"), ("again.yaml",), ("--", "-malloc_debug", "nope")])
+def test_a_word_too_many_and_what_petsc_cannot_start_with_are_bad_input(
+    words: tuple[str, ...], tmp_path: Path
+) -> None:
+    (tmp_path / "small.yaml").write_text(CASE)
+    ended = wovenfab("run", "small.yaml", *words, cwd=tmp_path)
+    assert ended.returncode == 2 and "Traceback" not in ended.stderr
+    assert words[-1] in ended.stderr
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["small.yaml"]
+
+
 @pytest.mark.parametrize(
     ("options", "word"),
     [

@@ -28,7 +28,7 @@ from wovenfab.cli.console import (
     is_launched,
     require_log,
 )
-from wovenfab.mpi import on_ranks, start_petsc
+from wovenfab.mpi import PetscStartError, on_ranks, start_petsc
 from wovenfab.parallel import ending_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch, signal_behind
@@ -124,7 +124,7 @@ def run_case(
                 until=end,
                 interruption=interruption,
             )
-        except (ResultsExistError, NothingToResumeError) as error:
+        except (PetscStartError, ResultsExistError, NothingToResumeError) as error:
             console.problem(str(error))
             return BAD_INPUT
         except OSError as error:
