@@ -9,7 +9,7 @@ import pytest
 
 from tests import scenes
 from wovenfab.solver.problem import Problem
-from wovenfab.solver.reuse import BackOff
+from wovenfab.solver.back_off import BackOff
 from wovenfab.stepping.program import cycle, program_of
 
 NEWTON, EQUILIBRIUM = "wovenfab.solver.newton", "wovenfab.solver.equilibrium"
@@ -31,7 +31,7 @@ def test_each_iteration_is_a_line_with_norms_step_potential_tangent_and_linear_s
     for iteration, line in enumerate(lines):
         norms = ", ".join(rf"\|r_{i}\| {number}" for i in range(1, placements + 1))
         head = rf" +{iteration} \|r\| {number} N \({norms}\), potential {number} J, "
-        tail = "start" if not iteration else r"step [\d.]+, tangent new, new factor"
+        tail = "start" if not iteration else r"step [\d.]+, tangent plain, new factor"
         assert re.fullmatch(head + tail, line), line
     last = re.search(rf"\|r\| ({number})", lines[-1])
     assert last and float(last[1]) == pytest.approx(result.residual, rel=1e-5)
