@@ -8,8 +8,8 @@ import re
 import pytest
 
 from tests import scenes
-from wovenfab.solver.problem import Problem
 from wovenfab.solver.back_off import BackOff
+from wovenfab.solver.problem import Problem
 from wovenfab.stepping.program import cycle, program_of
 
 NEWTON, EQUILIBRIUM = "wovenfab.solver.newton", "wovenfab.solver.equilibrium"

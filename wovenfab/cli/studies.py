@@ -252,9 +252,10 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
 
 def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Identifiability:
     """Find the parameters of one fit, write and print what is known of them."""
-    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page, write_result
+    from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
     from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
+    from wovenfab.study.fit.result import write_result
     from wovenfab.study.fit.search import profile, search_with_slack
 
     curves, unknowns = len(fit.tests), len(fit.unknowns)

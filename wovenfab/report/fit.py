@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from wovenfab.measured.curve import Measured
-from wovenfab.record.results import this_process, write_whole
+from wovenfab.record.results import this_process
 from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
@@ -30,7 +27,7 @@ from wovenfab.report.style import (
     save,
     zero_line,
 )
-from wovenfab.study.fit.fit_file import Fit, with_values
+from wovenfab.study.fit.fit_file import Fit
 from wovenfab.study.fit.identifiability import ConfidenceInterval, Identifiability
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
@@ -69,45 +66,6 @@ def write_fit_page(
     if profiles:
         sections.insert(2, section("Profiles", lambda: [_profiles(fit, profiles)]))
     return write_page(path, fit.title or fit.name, notes, figures, sections, this_process())
-
-
-def write_result(
-    fit: Fit,
-    found: Found,
-    known: Identifiability,
-    profiles: Sequence[Profile],
-    notes: Sequence[str],
-    directory: Path,
-) -> None:
-    """Write ``fit.json`` and the fitted case of each test."""
-    result = {
-        "title": fit.title,
-        "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
-        "correlations": known.correlations.tolist(),
-        "singular_values": known.singular_values.tolist(),
-        "directions": known.directions.tolist(),
-        "scatter": known.scatter,
-        "bic": known.bic,
-        "tests": [
-            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
-            for test, f in zip(fit.tests, known.fidelity, strict=True)
-        ],
-        "profiles": [_plain(asdict(one)) for one in profiles],
-        "discretisation_error": found.error if isfinite(found.error) else None,
-        "trials": [_plain(asdict(t)) for t in found.trials],
-        "converged": found.converged,
-        "notes": notes,
-    }
-    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
-    for number, test in enumerate(fit.tests):
-        which = "" if len(fit.tests) == 1 else f"{number + 1}-"
-        case = with_values(test.case, fit.unknowns, found.values)
-        write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
-
-
-def _plain(data: dict[str, Any]) -> dict[str, Any]:
-    """Return data without infinities, which JSON does not know."""
-    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}
 
 
 def measured_figure(

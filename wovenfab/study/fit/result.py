@@ -1,0 +1,54 @@
+"""What a fit leaves in files: ``fit.json``, and the fitted cases."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from wovenfab.record.results import write_whole
+from wovenfab.study.fit.fit_file import Fit, with_values
+from wovenfab.study.fit.identifiability import Identifiability
+from wovenfab.study.fit.search import Found, Profile
+
+
+def write_result(
+    fit: Fit,
+    found: Found,
+    known: Identifiability,
+    profiles: Sequence[Profile],
+    notes: Sequence[str],
+    directory: Path,
+) -> None:
+    """Write ``fit.json`` and the fitted case of each test."""
+    result = {
+        "title": fit.title,
+        "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
+        "correlations": known.correlations.tolist(),
+        "singular_values": known.singular_values.tolist(),
+        "directions": known.directions.tolist(),
+        "scatter": known.scatter,
+        "bic": known.bic,
+        "tests": [
+            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
+            for test, f in zip(fit.tests, known.fidelity, strict=True)
+        ],
+        "profiles": [_plain(asdict(one)) for one in profiles],
+        "discretisation_error": found.error if isfinite(found.error) else None,
+        "trials": [_plain(asdict(t)) for t in found.trials],
+        "converged": found.converged,
+        "notes": notes,
+    }
+    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
+    for number, test in enumerate(fit.tests):
+        which = "" if len(fit.tests) == 1 else f"{number + 1}-"
+        case = with_values(test.case, fit.unknowns, found.values)
+        write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
+
+
+def _plain(data: dict[str, Any]) -> dict[str, Any]:
+    """Return data without infinities, which JSON does not know."""
+    return {k: None if isinstance(v, float) and not isfinite(v) else v for k, v in data.items()}
