@@ -189,7 +189,7 @@ def test_derivatives_with_stress_at_points_agree_with_differences(
     assert force < 1e-3 and lost < 1e-3
 
 
-@pytest.mark.parametrize("parameter", ["strength", "slope"])
+@pytest.mark.parametrize("parameter", ["strength", pytest.param("slope", marks=pytest.mark.slow)])
 def test_smooth_friction_that_needs_its_stress_at_points_has_derivatives(parameter: str) -> None:
     sharp = {**VALUES, "slip_friction": {"strength": 199.2e3, "slope": 1e5}}
     of = scene((*scenes.COUPLED, "slip_friction"), sharp)
@@ -231,7 +231,9 @@ FORMULAS = {
     ("scene", "most"),
     [("bias-1x3", 1e-5), pytest.param("coulomb", 1e-2, marks=pytest.mark.slow)],
 )
-@pytest.mark.parametrize("name", FORMULAS)
+@pytest.mark.parametrize(
+    "name", ["shear.stiffness", pytest.param("slip_friction.strength", marks=pytest.mark.slow)]
+)
 def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, most: float) -> None:
     formula, coefficient, value, *others = FORMULAS[name]
     settings = {

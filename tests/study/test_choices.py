@@ -153,7 +153,13 @@ def test_a_guess_that_misleads_costs_few_iterations_and_one_that_cannot_be_none(
     assert [s.force for s in steps] == pytest.approx(plain.forces, rel=1e-6)
 
 
-@pytest.mark.parametrize("law", ["law: coulomb", "slope: 1e3 s/m"], ids=["Coulomb", "smooth"])
+@pytest.mark.parametrize(
+    "law",
+    [
+        pytest.param("law: coulomb", id="Coulomb", marks=pytest.mark.slow),
+        pytest.param("slope: 1e3 s/m", id="smooth"),
+    ],
+)
 def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh(
     law: str,
 ) -> None:

@@ -136,7 +136,9 @@ def test_the_energy_balances_the_better_the_shorter_the_steps() -> None:
     assert missing[2] < 0.02
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", ["slip_friction", pytest.param("spin_friction", marks=pytest.mark.slow)]
+)
 def test_the_loop_of_the_smooth_law_tends_to_coulombs_as_its_slope_grows(kind: str) -> None:
     """By an order in 1/eta that comes near one.
 

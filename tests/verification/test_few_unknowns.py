@@ -119,7 +119,7 @@ def test_grading_does_more_than_a_finer_mesh() -> None:
     [
         (3, 0.1, {"1:4": 0.15, "30/-60": 0.15}, 5e-3, 2500),
         (4, 0.1, {}, 1e-3, 6000),
-        (4, 0.035, {"1:4": 0.04}, 1e-4, 40_000),
+        pytest.param(4, 0.035, {"1:4": 0.04}, 1e-4, 40_000, marks=pytest.mark.slow),
     ],
     ids=["half a per cent", "a tenth", "a hundredth"],
 )

@@ -248,8 +248,8 @@ def test_rejected_steps_do_not_change_the_history(monkeypatch: pytest.MonkeyPatc
 @pytest.mark.parametrize(
     ("scene", "scheme", "names"),
     [
-        ("wear", "bdf2", ("wear",)),
-        ("both", "midpoint", ("wear", "softening")),
+        pytest.param("wear", "bdf2", ("wear",), marks=pytest.mark.slow),
+        pytest.param("both", "midpoint", ("wear", "softening"), marks=pytest.mark.slow),
         ("softening", "backward-euler", ("softening",)),
     ],
 )
