@@ -45,6 +45,18 @@ SCALES = [
     ("deg", "rad", math.pi / 180),
     ("°", "rad", math.pi / 180),
     ("%", "", 0.01),
+    # Of fabric laboratories: a gram-force is 9.80665e-3 N.
+    ("gf", "N", 9.80665e-3),
+    ("gf/cm", "N/m", 0.980665),
+    ("gf/(cm*deg)", "N/m", 0.980665 * 180 / math.pi),
+    ("gf/(cm·deg)", "N/m", 0.980665 * 180 / math.pi),
+    ("gf/(cm.deg)", "N/m", 0.980665 * 180 / math.pi),
+    ("gf/cm/deg", "N/m", 0.980665 * 180 / math.pi),
+    ("N/m/rad", "N/m", 1.0),
+    ("gf*cm^2/cm", "N*m", 9.80665e-5),
+    ("lbf", "N", 4.4482216152605),
+    ("lbf/in", "N/m", 4.4482216152605 / 0.0254),
+    ("in", "m", 0.0254),
 ]
 
 

@@ -193,9 +193,14 @@ def _factor(given: str, unit: str) -> float:
     except Exception as error:  # pint passes on whatever its tokenizer raises
         raise ValueError(f"the unknown unit {given!r}") from error
     own_factor, own_base = _in_base_units(unit)
-    if base != own_base:
+    if base != own_base and not _is_per_angle(base, own_base):
         raise ValueError(repr(given))
     return factor / own_factor
+
+
+def _is_per_angle(given: Any, own: Any) -> bool:
+    """Return whether a unit is a stiffness per angle, as laboratories state it: N/m per rad."""
+    return "[mass]" in own.dimensionality and given * _registry().radian == own
 
 
 def _in_base_units(unit: str) -> tuple[float, Any]:
