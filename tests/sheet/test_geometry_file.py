@@ -12,8 +12,9 @@ from mpi4py import MPI
 from tests.cli.test_commands import CASE
 from tests.outlines import aligned, edge_lengths
 from wovenfab.case import CaseError, read_case
-from wovenfab.case.objects import sheet_of
-from wovenfab.cli.check import edges_of
+from wovenfab.case.objects import coarse_geometry, sheet_of
+from wovenfab.cli.check import check_case, edges_of
+from wovenfab.sheet import geometry_file
 from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file, read_geometry
 
 OCC = 'SetFactory("OpenCASCADE");\n'
@@ -95,7 +96,8 @@ def test_other_files_in_millimetres_give_the_same_sheet(
 
 def test_check_lists_edges_and_curves_without_a_name(tmp_path: Path) -> None:
     written(tmp_path, PLATE.replace("0.9", "900") + GRIPS)
-    assert edges_of(read_case(case_with(tmp_path, "unit: mm"))) == [
+    case = read_case(case_with(tmp_path, "unit: mm"))
+    assert edges_of(coarse_geometry(case, MPI.COMM_SELF)) == [
         "edge right: 0.3 m long, x = 0.9 m, y = 0 to 0.3 m (curve 2)",
         "edge left: 0.3 m long, x = 0 m, y = 0 to 0.3 m (curve 4)",
         "without a name: curve 1 (0.9 m long, x = 0 to 0.9 m, y = 0 m), "
@@ -103,6 +105,19 @@ def test_check_lists_edges_and_curves_without_a_name(tmp_path: Path) -> None:
         "the narrowest place is 0.3 m wide (0.33 of the size of the sheet), "
         "at x = 0.45 m, y = 0.15 m",
     ]
+
+
+@pytest.mark.parametrize(("size", "times"), [("100 mm", 2), ("5 mm", 1)])
+def test_check_runs_a_geometry_once_and_again_for_a_small_mesh_alone(
+    size: str, times: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A geometry is a program of the user's."""
+    written(tmp_path, PLATE + GRIPS)
+    path, made = case_with(tmp_path, "unit: m"), []
+    mesh = geometry_file.meshed
+    monkeypatch.setattr(geometry_file, "meshed", lambda *a: made.append(a) or mesh(*a))
+    assert check_case(path, [f"discretisation.mesh_size={size}"]) == 0
+    assert len(made) == times
 
 
 @pytest.mark.parametrize("delete", ["", "Delete;"])

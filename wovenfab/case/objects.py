@@ -39,7 +39,13 @@ from wovenfab.model.probes import extent, misplaced
 from wovenfab.parallel import agree, compute_on_root
 from wovenfab.record.output import Output
 from wovenfab.sheet.aligned import BONDED, STICKING, Grading, aligned_sheet, grading_of
-from wovenfab.sheet.geometry_file import GeometryFile, from_file, outline_from_file
+from wovenfab.sheet.geometry_file import (
+    Geometry,
+    GeometryFile,
+    from_file,
+    outline_from_file,
+    read_geometry,
+)
 from wovenfab.sheet.gmsh_io import graded_rectangle
 from wovenfab.sheet.msh import stated_points
 from wovenfab.sheet.probes import Probe
@@ -141,10 +147,30 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     return sheet
 
 
-def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
+def coarse_geometry(case: Case, comm: MPI.Comm) -> Geometry | None:
+    """Return what the file of a sheet gives, with few cells; None for a rectangle; collective.
+
+    Raises:
+        CaseError: As from :func:`sheet_of`.
+    """
+    if isinstance(case.sheet, Rectangle):
+        return None
+    file, size = geometry_of(case.sheet), case.discretisation.mesh_size
+    with geometry_problems(case):
+        geometry = compute_on_root(comm, lambda: read_geometry(file, size, True, coarse=True))
+    require_edges(case, {c.name for c in geometry.curves if c.outside and c.name is not None})
+    return geometry
+
+
+def estimated_unknowns(case: Case, geometry: Geometry | None, comm: MPI.Comm) -> int:
     """Return about how many unknowns there would be, without a mesh of that size; collective.
 
     Of a mesh in a file only the head is read; one that does not say its size there counts as none.
+
+    Args:
+        case: The case.
+        geometry: Of :func:`coarse_geometry`; not needed for a rectangle and for a mesh in a file.
+        comm: The ranks.
 
     Raises:
         CaseError: As from :func:`sheet_of`.
@@ -158,10 +184,8 @@ def estimated_unknowns(case: Case, comm: MPI.Comm) -> int:
         path = case.sheet.file
         points = compute_on_root(comm, lambda: stated_points(path))
     else:
-        with geometry_problems(case):
-            outline, size = outline_from_file(comm, geometry_of(case.sheet), size, coarse=True)
-        require_edges(case, {name for _, _, name in outline.segments() if name is not None})
-        points = 2 * outline.polygon.area / size**2
+        assert geometry is not None
+        points = 2 * geometry.outline.polygon.area / (size or geometry.longest_side) ** 2
     return round(2 * points * case.discretisation.degree**2 * case.needs.placements)
 
 

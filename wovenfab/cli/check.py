@@ -17,6 +17,7 @@ from wovenfab.forms.effect import Effect, Needs, Parameter
 from wovenfab.simulation.progress import memory
 
 if TYPE_CHECKING:
+    from wovenfab.sheet.geometry_file import Geometry
     from wovenfab.sheet.sheet import Outline, Sheet
 
 
@@ -33,37 +34,36 @@ def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> 
         return 0
     for line in case.remarks():
         console.say(line)
-    if not isinstance(case.sheet, Rectangle) and case.sheet.file.suffix.lower() == ".geo":
-        console.say(f"runs the geometry program {case.sheet.file.name}")
+    file = None if isinstance(case.sheet, Rectangle) else case.sheet.file
+    kind = file.suffix.lower() if file else ""
+    if file and kind == ".geo":
+        console.say(f"runs the geometry program {file.name}")
     from mpi4py import MPI
 
     from wovenfab.case.limits import require_memory
-    from wovenfab.case.objects import estimated_unknowns, sheet_of
+    from wovenfab.case.objects import coarse_geometry, estimated_unknowns, sheet_of
 
     comm = MPI.COMM_WORLD
-    unknowns = estimated_unknowns(case, comm)
+    is_mesh = kind == ".msh"  # of which the head tells whether it is too large to be read
+    geometry = None if is_mesh else coarse_geometry(case, comm)
+    unknowns = estimated_unknowns(case, geometry, comm)
     most = MOST_COUNTED * case.discretisation.degree**2 * case.needs.placements
     if exact := unknowns < most:
         unknowns = count_unknowns(case, sheet_of(case, comm))
     require_memory(case, unknowns, comm)
-    for line in (*edges_of(case), *describe(case, unknowns, exact)):
+    geometry = coarse_geometry(case, comm) if is_mesh else geometry
+    for line in (*edges_of(geometry), *describe(case, unknowns, exact)):
         console.say(line)
     return 0
 
 
-def edges_of(case: Case) -> list[str]:
+def edges_of(geometry: Geometry | None) -> list[str]:
     """Return in words the edges of a geometry from a file, with their lengths and places."""
-    if isinstance(case.sheet, Rectangle):
+    if geometry is None:
         return []
-    from wovenfab.case.objects import geometry_of, geometry_problems, require_edges
-    from wovenfab.sheet.geometry_file import edge_lines, read_geometry
+    from wovenfab.sheet.geometry_file import edge_lines
 
-    size = case.discretisation.mesh_size
-    with geometry_problems(case):
-        geometry = read_geometry(geometry_of(case.sheet), size, True, coarse=True)
-    curves = geometry.curves
-    require_edges(case, {c.name for c in curves if c.outside and c.name is not None})
-    return [*edge_lines(curves), *_narrow(geometry.outline)]
+    return [*edge_lines(geometry.curves), *_narrow(geometry.outline)]
 
 
 def _narrow(outline: Outline) -> list[str]:

@@ -98,6 +98,12 @@ class Geometry:
     outline: Outline
     curves: tuple[BoundaryCurve, ...]
 
+    @property
+    def longest_side(self) -> float:
+        """The longest side of its cells, m."""
+        corners = self.points[self.triangles]
+        return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max())
+
 
 def from_file(
     comm: MPI.Comm, file: GeometryFile, mesh_size: float | None
@@ -119,7 +125,7 @@ def from_file(
 
 
 def outline_from_file(
-    comm: MPI.Comm, file: GeometryFile, mesh_size: float | None, coarse: bool = False
+    comm: MPI.Comm, file: GeometryFile, mesh_size: float | None
 ) -> tuple[Outline, float]:
     """Return the outline of a gmsh geometry, and the size of cells it asks for (m); collective.
 
@@ -127,17 +133,14 @@ def outline_from_file(
         comm: Communicator.
         file: A geometry.
         mesh_size: Largest cell size, m; None keeps what the file says.
-        coarse: Whether the outline is enough and gmsh need not make cells of that size.
 
     Raises:
         GeometryError: As from :func:`read_geometry`, on every rank.
     """
 
     def read() -> tuple[Outline, float]:
-        geometry = read_geometry(file, mesh_size, follow_curves=True, coarse=coarse)
-        corners = geometry.points[geometry.triangles]
-        sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)
-        return geometry.outline, mesh_size or float(sides.max())
+        geometry = read_geometry(file, mesh_size, follow_curves=True)
+        return geometry.outline, mesh_size or geometry.longest_side
 
     return compute_on_root(comm, read)
 
