@@ -70,6 +70,7 @@ Verbose = Annotated[
         "-v",
         "--verbose",
         count=True,
+        metavar="",  # it takes no value, though typer would say INTEGER
         help="Say why steps are cut and methods change (-v), and each iteration (-vv).",
     ),
 ]
