@@ -105,6 +105,8 @@ def draw_accuracy(study: Study, path: Path) -> Path:
             times, errors, np.array([0 * errors, stated - errors]), color=INK, capsize=3,
             marker="*", markersize=10, linestyle="none", label="accuracy asked for; bar: as stated",
         )  # fmt: skip
+        vague = [run for run in asked if run.error <= study.doubt]
+        axes.loglog(*points(vague), "*", color=INK, mfc="white", markersize=10)
         for number, (run, time, error) in enumerate(zip(asked, times, errors, strict=True)):
             beside = (5, -10 if number % 2 else 3)  # two may have the same elements and steps
             axes.annotate(
