@@ -106,7 +106,7 @@ def draw_accuracy(study: Study, path: Path) -> Path:
             marker="*", markersize=10, linestyle="none", label="accuracy asked for; bar: as stated",
         )  # fmt: skip
         vague = [run for run in asked if run.error <= study.doubt]
-        axes.loglog(*points(vague), "*", color=INK, mfc="white", markersize=10)
+        axes.loglog(*points(vague), "*", color=INK, mfc="white", markersize=10, zorder=3)
         for number, (run, time, error) in enumerate(zip(asked, times, errors, strict=True)):
             beside = (5, -10 if number % 2 else 3)  # two may have the same elements and steps
             axes.annotate(
