@@ -8,13 +8,15 @@ from __future__ import annotations
 import os
 import shlex
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import typer
+from PIL import Image
 
 from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.results import COMMAND, this_process
+from wovenfab.report.style import write_png
 
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "accuracy"
@@ -73,7 +75,8 @@ def write_page() -> None:
     text += f"\nCode of these figures: commit `{this_process().commit or 'unknown'}`.\n"
     text += "".join(map(_section, STUDIES))
     PAGE.write_text(text, encoding="utf-8")
-    shutil.copyfile(RESULTS / SHOWN / "accuracy.png", README)
+    with Image.open(RESULTS / SHOWN / "accuracy.png") as picture:  # the README names this command
+        write_png(picture.convert("RGB"), README, replace(this_process(), command="make accuracy"))
     print(f"\npage: {PAGE}")
 
 
