@@ -102,8 +102,7 @@ def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(place: Place
 def test_factors_that_are_kept_lead_to_the_same_loop(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("wovenfab.solver.linear.OPERATIONS_PER_USE", 4.0)  # as of a large sheet
     program = program_of(cycle(0.0, 0.04, 0.25, 20))
-    keep, history = SolverOptions(keep_from=0.0), scenes.PROTOTYPE_TWO_STEPS
-    compare(structured, SLIDING, history, program, "bdf2", options=keep)
+    compare(structured, SLIDING, scenes.PROTOTYPE_TWO_STEPS, program, "bdf2")
 
 
 @pytest.mark.parametrize("names", [scenes.BONDED, SLIDING], ids=["one", "two placements"])

@@ -31,7 +31,11 @@ def test_each_iteration_is_a_line_with_norms_step_potential_tangent_and_linear_s
     for iteration, line in enumerate(lines):
         norms = ", ".join(rf"\|r_{i}\| {number}" for i in range(1, placements + 1))
         head = rf" +{iteration} \|r\| {number} N \({norms}\), potential {number} J, "
-        tail = "start" if not iteration else r"step [\d.]+, tangent plain, new factor"
+        tail = (
+            "start"
+            if not iteration
+            else r"step [\d.]+, tangent plain, (new factor|\d+ CG iterations)"
+        )
         assert re.fullmatch(head + tail, line), line
     last = re.search(rf"\|r\| ({number})", lines[-1])
     assert last and float(last[1]) == pytest.approx(result.residual, rel=1e-5)
@@ -51,7 +55,7 @@ def test_nothing_is_evaluated_for_a_log_that_is_off(
     equilibrium = scenes.solver(scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE))
     equilibrium.problem.prescribe(0.02)
     assert equilibrium.solve().converged
-    assert not caplog.records
+    assert not [r for r in caplog.records if r.name == NEWTON]
     equilibrium.destroy()
 
 

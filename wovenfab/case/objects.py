@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
-from math import inf, isfinite
+from math import isfinite
 from typing import Any
 
 import ufl
@@ -338,10 +338,14 @@ def _families_of(edge: EdgeCondition) -> tuple[int, ...]:
 def options_of(case: Case) -> SolverOptions:
     """Return how a case has equilibrium sought."""
     s = case.solver
-    options = SolverOptions(
-        s.max_iterations, s.tolerance, s.petsc, descend=s.stability == "follow", seed=s.seed
+    return SolverOptions(
+        s.max_iterations,
+        s.tolerance,
+        s.petsc,
+        keep_factor=s.factor == "kept",
+        descend=s.stability == "follow",
+        seed=s.seed,
     )
-    return options if s.factor == "kept" else replace(options, keep_from=inf)
 
 
 def probes_of(case: Case) -> dict[str, Probe]:

@@ -64,7 +64,7 @@ class EquilibriumSolver:
             direct = create_direct(model.comm, prefix)
             self._matrix = problem.create_tangent(upper=direct.getPC().getType() == "cholesky")
             accuracy = sqrt(options.tolerance)
-            self.linear = LinearSolver(direct, self._matrix, options.keep_from, accuracy)
+            self.linear = LinearSolver(direct, self._matrix, options.keep_factor, accuracy)
             self.newton = self.newton_solver(
                 problem, self._matrix, options, self.linear, self.crossing, prefix
             )

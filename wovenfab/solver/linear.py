@@ -151,19 +151,18 @@ class LinearSolver:
     """
 
     def __init__(
-        self, direct: Any, matrix: Any, keep_from: float = inf, accuracy: float = ACCURACY
+        self, direct: Any, matrix: Any, keep: bool = False, accuracy: float = ACCURACY
     ) -> None:
         """Prepare to factorise.
 
         Args:
             direct: The linear solver, of ``create_direct``; destroyed with this object.
             matrix: Symmetric; its values may change from one solution to the next.
-            keep_from: Iterations that a factorisation must be worth before an older factor
-                is used; infinite for never.
+            keep: Whether an older factor is used where that pays.
             accuracy: Error of a solution in the energy norm, relative, where an older factor
                 is used.
         """
-        self._matrix, self._keep_from, self._accuracy = matrix, keep_from, accuracy
+        self._matrix, self._keep, self._accuracy = matrix, keep, accuracy
         self.definite, self.iterations = True, 0
         self._direct, self._pc = direct, direct.getPC()
         self._direct.setOperators(matrix)
@@ -263,8 +262,8 @@ class LinearSolver:
 
     def _pays(self) -> bool:
         """Return whether to try the factor there is."""
-        usable = self.counts and self.definite and self._solved and not self.negatives
-        if not usable or self._cost < self._keep_from:
+        usable = self._keep and self.counts and self.definite and self._solved
+        if not usable or self.negatives:
             return False
         if self._back_off.waits:
             self._back_off.skip()

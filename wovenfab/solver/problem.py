@@ -39,8 +39,7 @@ class SolverOptions:
         max_iterations: Newton iterations after which a step is given up.
         tolerance: Residual force over the largest internal force met so far.
         options: PETSc options, such as ``{"snes_monitor": None}``.
-        keep_from: Solutions that a factorisation must be worth before the factor of an earlier
-            tangent is used; infinite for never.
+        keep_factor: Whether the factor of an earlier tangent is used where that pays.
         descend: Shift every indefinite tangent until it is definite.
         seed: Of the random field that decides between the branches at a bifurcation.
     """
@@ -48,7 +47,7 @@ class SolverOptions:
     max_iterations: int = 25
     tolerance: float = 1e-9
     options: Mapping[str, Any] | None = None
-    keep_from: float = 10.0
+    keep_factor: bool = True
     descend: bool = False
     seed: int = 0
 
