@@ -75,6 +75,7 @@ class Rate:
     weights: Sequence[Any]
     history: Sequence[Any]
     acting: Any = 1  # factor of what depends on the rate; 0 to come to rest
+    stage: Any = 1  # where in the step the rate holds, as of the time scheme
 
 
 @dataclass(frozen=True)

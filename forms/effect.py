@@ -36,6 +36,7 @@ class Parameter:
         above: Lower bound in the SI unit that is not reached itself, such as 1 for a
             power; None for the bound that ``zero_allowed`` implies.
         usual: Values outside are asked back, since a unit is probably wrong; zero is not.
+        of_angle: Whether it may depend on the shear angle.
     """
 
     name: str
@@ -46,6 +47,21 @@ class Parameter:
     default: float | None = None
     above: float | None = None
     usual: tuple[float, float] = (0.0, inf)
+    of_angle: bool = False
+
+
+@dataclass(frozen=True)
+class OfShearAngle:
+    """A value that depends on the shear angle, such as of friction that grows with it.
+
+    In a step it is that of the angle to which the two states before lead (extrapolated, of second
+    order in the step). So a potential stays one of the present state, with a symmetric tangent.
+
+    Attributes:
+        function: Returns a UFL scalar from the position (m) and the angle gamma (rad).
+    """
+
+    function: Callable[[Any, Any], Any]
 
 
 @dataclass(frozen=True)
@@ -215,12 +231,14 @@ class Effect:
 
         Args:
             *values: Parameters in their order: numbers, UFL expressions, or functions of the
-                position that return UFL; a pair where both families have their own.
+                position that return UFL; a pair where both families have their own. Strengths of
+                friction may be :class:`OfShearAngle`.
             law: One of the effect's laws; the first one unless given.
             **named: Parameters by name.
 
         Raises:
-            TypeError: A parameter is missing, unknown or given twice, or there is no such law.
+            TypeError: A parameter is missing, unknown or given twice, it may not depend on the
+                shear angle, or there is no such law.
         """
         known = {one.law: one for one in self.all_laws}
         if law and law not in known:
@@ -239,6 +257,8 @@ class Effect:
             if name not in given and parameter.default is None:
                 raise TypeError(f"{self.name} needs {name} ({parameter.unit}): {parameter.meaning}")
             value = given.get(name, parameter.default)
+            if isinstance(value, OfShearAngle) and not parameter.of_angle:
+                raise TypeError(f"{self.name}: {name} cannot depend on the shear angle")
             pair = parameter.per_family and not isinstance(value, tuple)
             given[name] = (value, value) if pair else value
         return Term(effect, given)
@@ -288,11 +308,13 @@ class Term:
         weight: UFL scalar that multiplies the term in :meth:`Balance.potential` and
             :meth:`Balance.power` (and nowhere else), so that one compiled form can
             give each effect's share.
+        angle: The shear angle (rad) that values depend on, a variable of UFL; None if none does.
     """
 
     effect: Effect
     values: Values
     weight: Any = 1
+    angle: Any | None = None
 
 
 @dataclass(frozen=True)
@@ -305,7 +327,8 @@ class Target:
         families: The families whose values follow it, 0, 1 or both; it is ignored where both
             have the same one.
         coefficient: Number of a coefficient in the formula of the value, from 1; 0 for the value.
-        along: How the value changes with it, a function of the position; None for by one.
+        along: How the value changes with it, a function of position and shear angle; None for by
+            one.
         relative: Whether it is the logarithm of a factor of the values, which keeps their ratio and
             the shape of a formula.
     """
@@ -314,7 +337,7 @@ class Target:
     parameter: str
     families: tuple[int, ...] = (0, 1)
     coefficient: int = 0
-    along: Callable[[Any], Any] | None = field(default=None, compare=False)
+    along: Callable[[Any, Any], Any] | None = field(default=None, compare=False)
     relative: bool = False
 
     def __str__(self) -> str:
@@ -352,7 +375,7 @@ def _derivative(target: Target, term: Term, form: Callable[[Term], Any]) -> Any 
         along = of if target.relative else 1.0
         if target.along is not None:
             domain = ufl.domain.extract_unique_domain(of)
-            along = target.along(ufl.SpatialCoordinate(domain))
+            along = target.along(ufl.SpatialCoordinate(domain), term.angle)
         values[family] = of + change * along
     named = {**term.values, target.parameter: tuple(values) if per_family else values[0]}
     total = form(replace(term, values=named))

@@ -26,7 +26,9 @@ def dissipation(rate: Any, values: Values) -> Any:
     return sum(smoothed_coulomb(rate[i], values["strength"], values["slope"]) for i in range(2))
 
 
-STRENGTH = Parameter("strength", "N/m^2", "largest friction stress zeta", usual=(1.0, 1e8))
+STRENGTH = Parameter(
+    "strength", "N/m^2", "largest friction stress zeta", usual=(1.0, 1e8), of_angle=True
+)
 
 EFFECT = Effect(
     name="slip_friction",

@@ -23,7 +23,11 @@ def dissipation(rate: Any, values: Values) -> Any:
 
 
 STRENGTH = Parameter(
-    "strength", "N/m", "largest friction torque per area zeta_spin", usual=(1e-3, 1e5)
+    "strength",
+    "N/m",
+    "largest friction torque per area zeta_spin",
+    usual=(1e-3, 1e5),
+    of_angle=True,
 )
 
 EFFECT = Effect(

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         Effect,
         InternalVariable,
         Needs,
+        OfShearAngle,
         Parameter,
         Strain,
         Target,
@@ -86,8 +87,16 @@ _PUBLIC = {
     "case.objects": ("sheet_of", "simulation_of"),
     "forms": ("effects",),
     "forms.effect": (
-        *("DualFrictionLaw", "Effect", "InternalVariable", "Needs", "Parameter", "Strain"),
-        *("Target", "Term"),
+        *(
+            "DualFrictionLaw",
+            "Effect",
+            "InternalVariable",
+            "Needs",
+            "OfShearAngle",
+            "Parameter",
+            "Strain",
+        ),
+        *("Parameter", "Strain", "Target", "Term"),
     ),
     "interface": (
         *("History", "Run", "SolvedStep", "StepOverError"),

@@ -24,11 +24,11 @@ from pydantic_core import core_schema
 
 from wovenfab.case.effects import Value
 from wovenfab.case.errors import describe, near_miss, one_of, value_error
-from wovenfab.case.formula import VARIABLES, Expression
+from wovenfab.case.formula import LENGTHS, Expression
 from wovenfab.case.quantities import Angle, OneOr, Quantity, Section, Several, Size, hide_default
 from wovenfab.case.units import write
 
-_LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=VARIABLES)
+_LENGTH = Quantity(unit="m", words=("program", "-program", "free"), variables=LENGTHS)
 _FACTORS = {"program": 1.0, "-program": -1.0}
 PROGRAMS = frozenset({"program", "second_program"})
 
@@ -141,7 +141,7 @@ AnyComponent = Annotated[
 ]
 
 
-_LOAD = Quantity(unit="N/m", variables=VARIABLES)
+_LOAD = Quantity(unit="N/m", variables=LENGTHS)
 _ROTATIONS = ("free", "held")
 _CLAMPS = ("placement", "rotation")
 BOTH = (1, 2)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from itertools import combinations, product
+from itertools import chain, combinations, islice, product
 from math import ceil, sqrt
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,7 @@ from wovenfab.case.effects import (
     with_two_placements,
 )
 from wovenfab.case.errors import KeyPath, near_miss, one_of
-from wovenfab.case.formula import Expression
+from wovenfab.case.formula import SHEAR_ANGLE, Expression
 from wovenfab.case.petsc import refused
 from wovenfab.case.program import (
     Finding,
@@ -46,6 +46,7 @@ from wovenfab.case.program import (
     second,
     speeds,
 )
+from wovenfab.case.quantities import Quantity
 from wovenfab.case.schema import (
     Discretisation,
     OutputSection,
@@ -286,6 +287,10 @@ def values_at(value: Value, x: Array, y: Array, *programs: float) -> Array:
     return values + value.at(x, y, *programs) if isinstance(value, Expression) else values
 
 
+#: Shear angles (rad) at which formulas of the angle are evaluated: all that yarns can take.
+ANGLES = np.deg2rad(np.linspace(-89.0, 89.0, 90))
+
+
 def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
     """Yield each formula of a scene that is out of bounds at any of some points.
 
@@ -298,13 +303,23 @@ def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
         for p in e.effect.parameters:
             bounds = quantity(p)
             for path, value in _formulas(("effects", e.name, p.name), e.values[p.name]):
-                values = values_at(value, x, y)
-                worst = int(np.argmin(values))
-                if not np.isfinite(values).all():
-                    yield from _infinite(path, values, x, y)
-                elif broken := bounds.broken(values[worst]):
-                    place = _place(x, y, worst)
-                    yield path, f"must {broken}, but is {values[worst]:g} at {place}", _REMEDY
+                angles = ANGLES if SHEAR_ANGLE in value.variables else ANGLES[:1]
+                found = (_unfit(bounds, path, value, x, y, angle) for angle in angles)
+                yield from islice(chain.from_iterable(found), 1)
+
+
+def _unfit(
+    bounds: Quantity, path: KeyPath, value: Expression, x: Array, y: Array, angle: float
+) -> Iterator[Finding]:
+    """Yield a formula that is out of bounds at any of some points and an angle (rad)."""
+    values = value.at(x, y, angle=angle)
+    worst = int(np.argmin(values))
+    where = f", gamma = {np.rad2deg(angle):g} deg" if SHEAR_ANGLE in value.variables else ""
+    if not np.isfinite(values).all():
+        yield from _infinite(path, values, x, y, where)
+    elif broken := bounds.broken(values[worst]):
+        place = _place(x, y, worst) + where
+        yield path, f"must {broken}, but is {values[worst]:g} at {place}", _REMEDY
 
 
 def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -365,10 +380,12 @@ def _acting(e: SceneEffect, x: Array, y: Array) -> NDArray[np.bool_]:
     return everywhere
 
 
-def _infinite(path: KeyPath, values: Array, x: Array, y: Array) -> Iterator[Finding]:
+def _infinite(
+    path: KeyPath, values: Array, x: Array, y: Array, where: str = ""
+) -> Iterator[Finding]:
     finite = np.isfinite(values)
     if not finite.all():
-        yield path, f"has no finite value at {_place(x, y, int(np.argmin(finite)))}", ""
+        yield path, f"has no finite value at {_place(x, y, int(np.argmin(finite)))}{where}", ""
 
 
 def _place(x: Array, y: Array, i: int) -> str:

@@ -24,7 +24,7 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from wovenfab import forms
 from wovenfab.case.document import FILE, LAW
-from wovenfab.case.formula import Expression
+from wovenfab.case.formula import SHEAR_ANGLE, Expression
 from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
 from wovenfab.case.units import KINDS
 from wovenfab.forms.effect import Effect, Needs, Parameter
@@ -82,7 +82,8 @@ def custom_files(data: Any) -> dict[str, Any]:
 
 def quantity(parameter: Parameter) -> Quantity:
     """Return how one value of a parameter is read and written."""
-    kind = partial(Quantity, unit=_unit(parameter), variables=("x", "y"), usual=parameter.usual)
+    variables = ("x", "y", *((SHEAR_ANGLE,) if parameter.of_angle else ()))
+    kind = partial(Quantity, unit=_unit(parameter), variables=variables, usual=parameter.usual)
     if parameter.above is not None:
         return kind(above=parameter.above)
     return kind(least=0) if parameter.zero_allowed else kind(above=0)

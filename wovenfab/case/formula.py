@@ -1,10 +1,10 @@
-"""Formulas of x, y and the programs: text to a checked tree, and its value.
+"""Formulas of x, y, the programs and the shear angle: text to a checked tree, and its value.
 
 A number takes the unit after it, as far as names of units are joined by ``*``, ``/`` or blanks:
 ``2 N/m * x`` is two newtons per metre times x. ``x``, ``y``, ``program``, ``second_program``,
-``pi``, ``and``, ``or`` and a name before a bracket are never units. With a name in place of each
-number the text is one of Python, whose parser makes a tree of it. Only nodes of arithmetic are
-accepted, and nothing is compiled or run: the tree is evaluated with quantities of pint, which
+``gamma``, ``pi``, ``and``, ``or`` and a name before a bracket are never units. With a name in place
+of each number the text is one of Python, whose parser makes a tree of it. Only nodes of arithmetic
+are accepted, and nothing is compiled or run: the tree is evaluated with quantities of pint, which
 raises what does not fit together, with arrays, or with expressions of UFL.
 """
 
@@ -26,8 +26,10 @@ from wovenfab.case.errors import FormulaError, describe, near_miss
 
 #: Characters, and nodes of the tree one below the other: a sum of 250 values has as many.
 LONGEST, DEEPEST = 500, 300
-#: What a formula may depend on, each a length in m.
-VARIABLES = ("x", "y", "program", "second_program")
+#: What formulas may depend on: places and displacements in m, and the shear angle in rad.
+LENGTHS = ("x", "y", "program", "second_program")
+SHEAR_ANGLE = "gamma"
+VARIABLES = (*LENGTHS, SHEAR_ANGLE)
 #: Functions by name with the number of their arguments.
 FUNCTIONS = {
     **dict.fromkeys(("sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "abs"), 1),
@@ -187,7 +189,7 @@ class _Formula:
             raise FormulaError(f"unknown name '{name}'", near_miss(name, known) or about)
 
     def measured(self, varied: str = "") -> tuple[Any, dict[ast.expr, float]]:
-        """Return the value at x = y = program = 1 m, a quantity of pint, and constant parts in SI.
+        """Return the value where all variables are 1, a quantity of pint, and constant parts in SI.
 
         A zero that has no unit fits all: it is not of pint, and neither is a product with it.
 
@@ -203,7 +205,7 @@ class _Formula:
             if not isinstance(node, ast.Name):
                 return None
             if node.id in VARIABLES:
-                return units.quantity(1.0, "m")
+                return units.quantity(1.0, "m" if node.id in LENGTHS else "")
             value, unit, *_ = self.numbers.get(node.id, (_CONSTANTS.get(node.id, 0.0), ""))
             fits_all = not value and not unit and node.id != varied
             try:
@@ -374,7 +376,7 @@ class Expression:
         """Return the SI value, by the operators of Python on whatever the variables are.
 
         Args:
-            variables: Values in m of (at least) ``self.variables``.
+            variables: SI values of (at least) ``self.variables``.
             functions: What each key of ``NUMPY_FUNCTIONS`` means for such values; ``"if"`` is
                 called with a condition and two values.
         """
@@ -390,9 +392,9 @@ class Expression:
 
         return self._formula.walk(leaf, lambda _, sign, values: _joined(known[sign], sign, values))
 
-    def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0) -> Any:
-        """Return the SI value at points (m, arrays) for the programs (m)."""
-        variables = dict(zip(VARIABLES, (x, y, program, second), strict=True))
+    def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0, angle: Any = 0.0) -> Any:
+        """Return the SI value at points (m, arrays) for the programs (m) and an angle (rad)."""
+        variables = dict(zip(VARIABLES, (x, y, program, second, angle), strict=True))
         with np.errstate(all="ignore"):
             return self.evaluate(variables, NUMPY_FUNCTIONS) + np.zeros_like(x)
 

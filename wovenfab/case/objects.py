@@ -27,12 +27,12 @@ from wovenfab.case import (
 )
 from wovenfab.case.checks import unfit_values
 from wovenfab.case.errors import dotted
-from wovenfab.case.formula import VARIABLES, coefficients, with_change
+from wovenfab.case.formula import SHEAR_ANGLE, VARIABLES, coefficients, with_change
 from wovenfab.case.limits import require_memory, require_possible
 from wovenfab.case.program import program_of_case
 from wovenfab.case.resume import identity_of, state_of
 from wovenfab.case.specimen import bias_extension_of
-from wovenfab.forms.effect import Target, Term
+from wovenfab.forms.effect import OfShearAngle, Target, Term
 from wovenfab.model.constraints import Condition, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.model.probes import extent, misplaced
@@ -91,7 +91,11 @@ def _for_model(value: Any) -> Any:
     """Return a number, or a UFL expression as a function of position and programs; so for pairs."""
     if isinstance(value, tuple):
         return tuple(map(_for_model, value))
-    return partial(_in_ufl, value) if isinstance(value, Expression) else value
+    if not isinstance(value, Expression):
+        return value
+    if SHEAR_ANGLE in value.variables:
+        return OfShearAngle(partial(_at_angle, value))
+    return partial(_in_ufl, value)
 
 
 def held_of(component: Component) -> Held | None:
@@ -103,9 +107,16 @@ def held_of(component: Component) -> Held | None:
     return Held(component.factor, component.offset)
 
 
-def _in_ufl(formula: Expression, position: Any, program: Any = None, second: Any = None) -> Any:
-    known = dict(zip(VARIABLES, (position[0], position[1], program, second), strict=True))
+def _in_ufl(
+    formula: Expression, position: Any, program: Any = None, second: Any = None, angle: Any = None
+) -> Any:
+    given = position[0], position[1], program, second, angle
+    known = dict(zip(VARIABLES, given, strict=True))
     return ufl.as_ufl(formula.evaluate(known, UFL_FUNCTIONS))
+
+
+def _at_angle(formula: Expression, position: Any, angle: Any) -> Any:
+    return _in_ufl(formula, position, angle=angle)
 
 
 def in_case(target: Target, case: Case) -> Target:
@@ -123,9 +134,10 @@ def in_case(target: Target, case: Case) -> Target:
     return replace(target, along=partial(_by_coefficient, formula, target.coefficient))
 
 
-def _by_coefficient(formula: Expression, number: int, position: Any) -> Any:
+def _by_coefficient(formula: Expression, number: int, position: Any, angle: Any) -> Any:
     change = ufl.variable(ufl.as_ufl(0.0))
-    return ufl.diff(_in_ufl(with_change(formula, number), position, change), change)
+    changed = with_change(formula, number)
+    return ufl.diff(_in_ufl(changed, position, program=change, angle=angle), change)
 
 
 def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:

@@ -22,10 +22,12 @@ from ufl.constantvalue import Zero
 
 from wovenfab.forms.balance import Balance, first_variation, second_variation
 from wovenfab.forms.effect import DualFrictionLaw, Term
-from wovenfab.forms.kinematics import Point, point_of, point_variation
+from wovenfab.forms.kinematics import Point, point_of, point_variation, shear_angle
 from wovenfab.model.assembly import compile_expression, compile_expressions
 
 Array = NDArray[np.float64]
+#: Gauss's rule on (-1, 1): exact where the strength is of fifth degree in the shear angle.
+POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 @dataclass(frozen=True)
@@ -59,8 +61,8 @@ class FrictionStress:
 
     @property
     def varies(self) -> bool:
-        """Whether the largest stress changes with internal variables."""
-        return bool(self.term.effect.memory)
+        """Whether the largest stress changes with internal variables or the shear angle."""
+        return bool(self.term.effect.memory) or self.term.angle is not None
 
     @property
     def creeps(self) -> bool:
@@ -91,6 +93,22 @@ class FrictionStress:
         """Return the largest stress, a scalar."""
         return self._law.strength(self.term.values)
 
+    def mean_strength(self) -> Any:
+        """Return the mean of the largest stress over the shear angles of a step, a scalar."""
+        angle, rate = self.term.angle, self.balance.rate
+        if angle is None:
+            return self.strength()
+        assert rate is not None
+        fibres = self.balance.fibres
+        start, end = (
+            shear_angle(self._point(u).f, fibres) for u in (rate.history[0], self.balance.field)
+        )
+        strength, change = self.strength(), (end - start) / rate.stage
+        return sum(
+            weight / 2 * ufl.replace(strength, {angle: start + (1 + point) / 2 * change})
+            for point, weight in zip(POINTS.tolist(), WEIGHTS.tolist(), strict=True)
+        )
+
     def creep(self) -> Any | None:
         """Return b below the largest stress and its derivative by the stress, a vector of both.
 
@@ -116,10 +134,10 @@ class FrictionStress:
         """Return the energy (J) that a set-valued law dissipates in the step.
 
         That is zeta |b| of each component, which is tau b where the law is met and
-        is never negative.
+        is never negative; with the mean of zeta over the step where the shear angle changes it.
         """
         lengths = sum(abs(b) for b in self._components(self._increment()))
-        return self.term.weight * self.strength() * lengths * self._dx
+        return self.term.weight * self.mean_strength() * lengths * self._dx
 
     @cached_property
     def areas(self) -> Array:
@@ -131,6 +149,12 @@ class FrictionStress:
     def strengths(self) -> Array:
         """Return the largest stresses zeta."""
         return np.repeat(self.at_points(self._compiled[2])[1::2], self.size)
+
+    def mean_strengths(self) -> Array:
+        """Return the means of the largest stresses over the shear angles of the step."""
+        if self.term.angle is None or self.creeps:
+            return self.strengths()
+        return np.repeat(self.at_points(self._compiled_mean)[:: self.size], self.size)
 
     def increments(self) -> Array:
         """Return the increments b of the present field."""
@@ -207,6 +231,10 @@ class FrictionStress:
         given = ufl.as_vector([abs(ufl.JacobianDeterminant(self._mesh)), self.strength()])
         symbols, creep = [self.increment(), self.change(self._direction), given], self.creep()
         return compile_expressions(symbols if creep is None else [*symbols, creep], self._points)
+
+    @cached_property
+    def _compiled_mean(self) -> fem.Expression | None:
+        return self.compiled(self.mean_strength())
 
     @property
     def _law(self) -> DualFrictionLaw:

@@ -163,19 +163,20 @@ class Memory:
         variables: Those of each effect that has any.
         before: Displacement where the step starts, m.
         step: Its length, s.
-        stage: Where in it equilibrium holds, as of the time scheme.
+        stage: Where in it equilibrium holds, as of the time scheme; a constant of UFL.
     """
 
-    def __init__(self, variables: Sequence[Variables], balance: Balance) -> None:
+    def __init__(self, variables: Sequence[Variables], balance: Balance, stage: Any) -> None:
         """Compile the updates; collective.
 
         Args:
             variables: Those of each effect.
             balance: Balance of the scene.
+            stage: Where in a step equilibrium holds.
         """
         space = balance.field.function_space
         self.variables, self.before = tuple(variables), fem.Function(space)
-        self.step, self.stage = (fem.Constant(space.mesh, 1.0) for _ in "12")
+        self.step, self.stage = fem.Constant(space.mesh, 1.0), stage
         self._balance = balance
         self._updates = [v.compiled(self.updated(v.term)) for v in variables]
 
@@ -201,9 +202,8 @@ class Memory:
         rule = {"quadrature_degree": self._balance.quadrature}
         return term.weight * mean * ufl.dx(metadata=rule)
 
-    def start(self, stage: float) -> None:
-        """Take the initial values for a time scheme with equilibrium at a stage of its steps."""
-        self.stage.value = stage
+    def start(self) -> None:
+        """Take the initial values."""
         for variables in self.variables:
             variables.start()
 

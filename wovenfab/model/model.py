@@ -18,9 +18,9 @@ from dolfinx.fem import IntegralType
 from mpi4py import MPI
 
 from wovenfab.forms.balance import Balance, Rate
-from wovenfab.forms.effect import Effect, Term
+from wovenfab.forms.effect import Effect, OfShearAngle, Term
 from wovenfab.forms.friction import components_of
-from wovenfab.forms.kinematics import displacements
+from wovenfab.forms.kinematics import displacements, point_of, shear_angle
 from wovenfab.model.assembly import SHEET, Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
 from wovenfab.model.friction_stress import FrictionStress
@@ -74,6 +74,8 @@ class Model:
         last: Displacement of the last iterate (mixed-integration-point tangent).
         history: Displacement at earlier times, latest first; empty without rates.
         rate_weights: Weights of the present and the earlier states in a rate, 1/s.
+        stage: Where in a step equilibrium holds, as of the time scheme: 1 at its end.
+        ahead: Change of the shear angle over that in the last step, for values that depend on it.
         friction: Factor of all friction: 1, or 0 for an initial state.
         geometric_weight: 1 for the tangent, 0 for its positive part (``wovenfab.forms.balance``).
         loading: The dead loads.
@@ -102,6 +104,8 @@ class Model:
     last: fem.Function
     history: tuple[fem.Function, ...]
     rate_weights: tuple[fem.Constant, ...]
+    stage: fem.Constant
+    ahead: fem.Constant
     friction: fem.Constant
     geometric_weight: fem.Constant
     loading: DeadLoads
@@ -222,10 +226,17 @@ def build_model(
     space = placements.space
     field, last = fem.Function(space), fem.Function(space)
     remembered = any(e.needs.history for e in effects)
-    kept = numerics.history if remembered else 0
+    follow = any(map(_follows_angle, terms))
+    kept = max(numerics.history, 2 if follow else 1) if remembered else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
-    terms = tuple(Term(t.effect, _symbols(mesh, t.values), _constant(mesh, 1.0)) for t in terms)
+    fibres = tuple(_constant(mesh, d) for d in sheet.fibres)
+    load_weight, stage, ahead, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(5))
+    angle = None
+    if follow:
+        latest, earlier = (_shear_angle(u, fibres) for u in history[:2])
+        angle = ufl.variable(latest + ahead * (latest - earlier))
+    terms = tuple(_symbolic(mesh, t, angle if _follows_angle(t) else None) for t in terms)
     quadrature = numerics.quadrature or 2 * numerics.degree
     degree = numerics.friction or finest_rule(numerics.degree)
     variables = {
@@ -235,7 +246,6 @@ def build_model(
     }
     terms = tuple(variables[n].term if (n := t.effect.name) in variables else t for t in terms)
     on_edges = partial(_measure, mesh, sheet)
-    load_weight, friction, geometric_weight = (_constant(mesh, 1.0) for _ in range(3))
     loading = dead_loads_on(space, loads, lambda edge: on_edges([edge]))
     further = {
         name: (_constant(mesh, 1.0), potential(displacements(field)))
@@ -243,9 +253,9 @@ def build_model(
     }
     balance = Balance(
         terms=tuple(t for t in terms if not t.effect.set_valued),
-        fibres=tuple(_constant(mesh, d) for d in sheet.fibres),
+        fibres=fibres,
         field=field,
-        rate=Rate(rate_weights, history, friction) if kept else None,
+        rate=Rate(rate_weights, history, friction, stage) if kept else None,
         degree=numerics.degree,
         quadrature=quadrature,
         penalty=None if numerics.penalty is None else _constant(mesh, numerics.penalty),
@@ -256,7 +266,7 @@ def build_model(
         geometric_weight=geometric_weight,
         potentials=tuple(further.values()),
     )
-    memory = Memory(list(variables.values()), balance) if variables else None
+    memory = Memory(list(variables.values()), balance, stage) if variables else None
     frictions = tuple(
         friction_stress_of(t, balance, mesh, degree) for t in terms if t.effect.set_valued
     )
@@ -275,6 +285,8 @@ def build_model(
         last=last,
         history=history,
         rate_weights=rate_weights,
+        stage=stage,
+        ahead=ahead,
         friction=friction,
         geometric_weight=geometric_weight,
         loading=loading,
@@ -331,20 +343,33 @@ def _measure(mesh: Any, sheet: Sheet, edges: Sequence[str]) -> Any | None:
     return ufl.Measure("ds", domain=mesh, subdomain_data=sheet.facets, subdomain_id=tags)
 
 
-def _symbol(mesh: Any, value: Value) -> Any:
+def _follows_angle(term: Term) -> bool:
+    return any(isinstance(value, OfShearAngle) for value in term.values.values())
+
+
+def _shear_angle(field: fem.Function, fibres: Any) -> Any:
+    """Return the shear angle (rad) of a displacement field."""
+    return shear_angle(point_of(field, fibres, second_gradient=False).f, fibres)
+
+
+def _symbol(mesh: Any, value: Value, angle: Any) -> Any:
     """Return a number as a constant of the forms, or a field as its expression."""
     if isinstance(value, ufl.core.expr.Expr):
         return value
+    if isinstance(value, OfShearAngle):
+        return ufl.as_ufl(value.function(ufl.SpatialCoordinate(mesh), angle))
     return value(ufl.SpatialCoordinate(mesh)) if callable(value) else _constant(mesh, value)
 
 
-def _symbols(mesh: Any, values: Mapping[str, Value | tuple[Value, Value]]) -> dict[str, Any]:
-    return {
-        name: tuple(_symbol(mesh, v) for v in value)
+def _symbolic(mesh: Any, term: Term, angle: Any | None) -> Term:
+    """Return a term with symbols as its values, and with a weight."""
+    values = {
+        name: tuple(_symbol(mesh, v, angle) for v in value)
         if isinstance(value, tuple)
-        else _symbol(mesh, value)
-        for name, value in values.items()
+        else _symbol(mesh, value, angle)
+        for name, value in term.values.items()
     }
+    return Term(term.effect, values, _constant(mesh, 1.0), angle)
 
 
 def friction_stress_of(term: Term, balance: Balance, mesh: Any, degree: int) -> FrictionStress:

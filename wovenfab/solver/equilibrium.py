@@ -199,6 +199,14 @@ class EquilibriumSolver:
         forms = self.model.friction_force
         return self.problem.force_of(forms) if forms else 0.0
 
+    def mean_plastic_force(self) -> NDArray[np.float64] | float:
+        """Return that part (N) as it acts in the mean of the step that has been solved."""
+        friction = self.problem.friction
+        if friction is None or not friction.varies:
+            return self.plastic_force()
+        with friction.in_forms(friction.mean_over_step()):
+            return self.plastic_force()
+
     def tangent(self) -> Any:
         """Return the tangent (N/m) of the model's present state, prescribed rows of one."""
         self.newton.assemble_tangent()

@@ -135,6 +135,11 @@ class InteriorPoint:
         self._started = False  # whether the stress is an iterate of the method
 
     @property
+    def varies(self) -> bool:
+        """Whether the bound of any friction changes from step to step."""
+        return any(f.varies for f in self._frictions)
+
+    @property
     def acts(self) -> bool:
         """Whether there is friction; none is left out for the initial state, or of no strength."""
         return float(self._factor.value) != 0 and self._total_area > 0
@@ -302,6 +307,11 @@ class InteriorPoint:
             yield
         finally:
             self._put(self.stress, lambda f: f.stress)
+
+    def mean_over_step(self) -> Array:
+        """Return the stresses whose work on the increments is what the step loses."""
+        share: Array = self._all(FrictionStress.mean_strengths) / self.bound
+        return self.stress * share
 
     def off_bounds(self) -> Any:
         """Give the forms stresses that are not at their bounds even by round-off; a context."""
@@ -537,10 +547,9 @@ class InteriorPoint:
         Args:
             least: Smallest that a bound which varies may be.
         """
-        varies = any(f.varies for f in self._frictions)
-        if varies:
+        if self.varies:
             self.bound = np.maximum(self._all(FrictionStress.strengths), least * self._varying)
-        return varies
+        return self.varies
 
     def _largest(self, values: Array) -> Array:
         """Return for each value the largest absolute one of its friction; collective."""

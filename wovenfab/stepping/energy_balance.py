@@ -29,21 +29,23 @@ class Forces:
         load: Dead loads, N.
         power: Dissipated power by effect on all ranks, W.
         plastic: Part of ``force`` that set-valued friction exerts, N; 0 without any.
+        mean_plastic: That part in the mean of the step that ends here, N.
     """
 
     force: Array
     load: Array
     power: Mapping[str, float]
     plastic: Array | float = 0.0
+    mean_plastic: Array | float = 0.0
 
     def mean(self, other: Forces) -> Forces:
         """Return the mean of two times: the trapezoidal rule, second order.
 
-        Set-valued friction acts in a step as it does at its end: it does no work before
-        it has attained its bound.
+        Set-valued friction slides in all of a step: it does no work before it has attained
+        its bound.
         """
         return Forces(
-            (self.force + other.force + other.plastic - self.plastic) / 2,
+            (self.force - self.plastic + other.force - other.plastic) / 2 + other.mean_plastic,
             (self.load + other.load) / 2,
             {name: (self.power[name] + power) / 2 for name, power in other.power.items()},
         )
@@ -108,9 +110,9 @@ class EnergyBalance:
         """
         model, problem = self._model, self._solver.problem
         step = until - state.time
-        plastic = self._solver.plastic_force()
         power, loads = model.dissipated_power(), model.loading.force()
-        stage = Forces(problem.force, loads, power, plastic)
+        plastic = self._solver.plastic_force(), self._solver.mean_plastic_force()
+        stage = Forces(problem.force, loads, power, *plastic)
         lost = model.dissipated_energy()
         change = state.finish(until, jump)
         now, mean = self._now_and_mean(stage, state, jump)
@@ -129,7 +131,8 @@ class EnergyBalance:
         """Return the forces at the end of a step and their mean over it."""
         if self._stage < 1:
             force, load = self._solver.problem.evaluate_force(), self._model.loading.force()
-            return Forces(force, load, stage.power), stage
+            mean = replace(stage, force=stage.force + stage.mean_plastic - stage.plastic)
+            return Forces(force, load, stage.power), mean
         return stage, self._mean_after_jump(stage, state) if jump else self.forces.mean(stage)
 
     def _mean_after_jump(self, now: Forces, state: State) -> Forces:
@@ -146,4 +149,5 @@ class EnergyBalance:
             model.field.x.array[:] = state.states[0]
             before = problem.evaluate_force()
         loads = now.load - self.forces.load  # after and before have the same ones
-        return replace(mean, force=now.force + (before - after + loads) / 2, power=now.power)
+        force = now.force - now.plastic + now.mean_plastic
+        return replace(mean, force=force + (before - after + loads) / 2, power=now.power)

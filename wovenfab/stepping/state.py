@@ -70,10 +70,12 @@ class State:
         has_history = bool(self._model.history or self._model.memory)
         self._visited: list[tuple[float, float, Array]] | None = None if has_history else []
         self._memory = self._model.memory
+        self._model.stage.value = scheme.stage
         if self._memory:
-            self._memory.start(scheme.stage)
+            self._memory.start()
         self.initial_guess: Callable[[float], Array | None] = lambda time: None
         self._misled = -inf  # time at which the guess has led to no solution, s
+        self._ahead = 0.0  # from the last state to the stage of the step, s; 0 after a jump
         self.time, self.number = 0.0, 0
         self.states: list[Array] = [np.zeros(self._model.field.x.array.size) for _ in range(KEPT)]
         self.steps: list[float] = []
@@ -127,16 +129,21 @@ class State:
             self._set_rate(self._scheme.weights(self.lengths(step, jump)))
         if self._memory:
             self._memory.begin(self.states[0], step)
+        ahead = stage * step
+        far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
+        self._ahead = 0.0 if far else ahead
         value = program.value(until, self.before)
+        force = program.prescribes_force(until)
+        self._model.ahead.value = stage * self._growth(step, None if force else value)
         guess = None if until == self._misled else self._guess(until, value)
         guessed = guess is not None and self._start_by(stage * (guess - self.states[0]))
-        extrapolated = not guessed and self._extrapolate(stage * step, jump)
-        if not program.prescribes_force(until):
+        extrapolated = not guessed and self._extrapolate()
+        if not force:
             result = self.solve_for(value, allow_fallback=not guessed)
             if guessed and not result.converged:
                 self._misled = until  # shorter steps would end at the same guess
                 self.restore()
-                self._extrapolate(stage * step, jump)
+                self._extrapolate()
                 result = self.solve_for(value)
             return result
         assert self.force_control is not None
@@ -150,6 +157,24 @@ class State:
         value = start + stage * (value - start)
         scale = max(abs(value), abs(self.before), program.largest_force)
         return self.force_control.solve(self, value, scale)
+
+    def _growth(self, step: float, displacement: float | None) -> float:
+        """Return the change in a step over that in the last one, as far as it can be foretold.
+
+        It is the ratio of their lengths, and after a jump of the velocity that of what the program
+        does in them.
+
+        Args:
+            step: Length of the step, s.
+            displacement: Of the program at its end, m; None where it is not prescribed.
+        """
+        if self._ahead:
+            return step / self.steps[0]
+        latest, earlier = self.displacements[:2]
+        if displacement is None or latest == earlier:
+            return 0.0
+        growth = (displacement - latest) / (latest - earlier)
+        return growth if abs(growth) <= FARTHEST_AHEAD else 0.0
 
     def solve_for(self, displacement: float, allow_fallback: bool = True) -> SolveResult:
         """Solve for the stage state of a step that ends at a displacement (m); collective.
@@ -221,6 +246,7 @@ class State:
             field[:] = self.states[0] + change
             if model.rate_weights:
                 self._set_rate(scheme.weights_at_end(self.lengths(step, jump)))
+            model.ahead.value /= scheme.stage
             self._solver.problem.prescribe_second(self._program.second(until))
             model.loading.set(self.reached)
         return change
@@ -272,13 +298,12 @@ class State:
         for field, state in zip(self._model.history, self.states, strict=False):
             field.x.array[:] = state
 
-    def _extrapolate(self, ahead: float, jump: bool) -> bool:
-        """Start from the state that is extrapolated (s), or from the last; return whether so."""
-        far = jump or not self.steps or ahead > FARTHEST_AHEAD * self.steps[0]
-        if far or not self._predicts:
+    def _extrapolate(self) -> bool:
+        """Start from the state that is extrapolated, or from the last; return whether so."""
+        if not (self._ahead and self._predicts):
             self._model.field.x.array[:] = self.states[0]
             return False
-        return self._start_by(extrapolation(self.states, self.steps, ahead))
+        return self._start_by(extrapolation(self.states, self.steps, self._ahead))
 
     def _start_by(self, change: Array) -> bool:
         """Change the last state (m) unless the families would cross; return whether so."""
