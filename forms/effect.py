@@ -181,6 +181,10 @@ class Effect:
         facet_strains: Terms of the stored energy per length (J/m) of an interior facet.
         edge_strains: The same on an edge where the yarn directions are held.
         memory: The internal variables that its functions inside the sheet may depend on.
+        lost: Energy (J/m^2) that a step loses, from the internal variables after it and the
+            values. It is given where they yield, that is, where their update leaves the stress as
+            it is: what is stored after a step is then that of the updated ones. Elsewhere the fall
+            of the stored energy by an update is lost in the next step.
         resists: What the effect keeps from moving freely, of ``"stretching"``,
             ``"shearing"``, ``"curving"`` and ``"slipping"``; scenes that leave too much
             free are refused.
@@ -200,6 +204,7 @@ class Effect:
     facet_strains: Callable[[Facet, Values], tuple[Strain, ...]] | None = None
     edge_strains: Callable[[Edge, Values], tuple[Strain, ...]] | None = None
     memory: tuple[InternalVariable, ...] = ()
+    lost: Callable[[Sequence[Any], Values], Any] | None = None
     resists: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
@@ -223,6 +228,8 @@ class Effect:
             raise ValueError(f"effect {self.name!r}: each of its laws needs a word of its own")
         if any(one.name != self.name or one.laws for one in self.laws):
             raise ValueError(f"effect {self.name!r}: its laws are effects of the same name")
+        if self.lost and not self.releases:
+            raise ValueError(f"effect {self.name!r}: what yields stores energy and has a memory")
         if self.memory and (self.facet_strains or self.edge_strains):
             raise ValueError(f"effect {self.name!r}: a memory is inside the sheet, not on facets")
 

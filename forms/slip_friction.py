@@ -2,7 +2,7 @@
 
 R = zeta/eta sum_i log cosh(eta w_i), with w_i the components of the rate of
 chi_1 - chi_2 along the reference directions D_1 and D_2. Its limit as eta grows is
-Coulomb's law for each component.
+Coulomb's law for each component. Yarns that stick may be elastic before they slide.
 """
 
 from __future__ import annotations
@@ -12,13 +12,19 @@ from typing import Any
 import ufl
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from wovenfab.forms.friction import COULOMB, SMOOTH, elastic_sliding, smoothed_coulomb
 from wovenfab.forms.kinematics import Point
 
 
 def slip(point: Point) -> Any:
     """Return chi_1 - chi_2 along D_1 and D_2, shape (2,), m."""
     return ufl.as_vector([ufl.dot(point.slip, d) for d in point.fibres])
+
+
+def components(point: Point) -> list[Any]:
+    """Return the two components of the slip, m."""
+    found = slip(point)
+    return [found[0], found[1]]
 
 
 def dissipation(rate: Any, values: Values) -> Any:
@@ -53,6 +59,18 @@ EFFECT = Effect(
             bound=COULOMB,
             resists=frozenset({"slipping"}),
             law="coulomb",
+        ),
+        Effect(
+            name="slip_friction",
+            summary="Friction between yarns that stick elastically before they slide",
+            parameters=(
+                STRENGTH,
+                Parameter("stiffness", "N/m^3", "stress per slip before sliding", above=0.0),
+            ),
+            needs=Needs(placements=2),
+            resists=frozenset({"slipping"}),
+            law="elastic",
+            **elastic_sliding(components, ("slid_1", "slid_2"), "m"),
         ),
     ),
 )

@@ -1,6 +1,7 @@
 """Friction of yarns that turn on each other, eqs. (10) and (11).
 
-R = zeta/eta log cosh(eta dgamma/dt), and Coulomb's law as eta grows.
+R = zeta/eta log cosh(eta dgamma/dt), and Coulomb's law as eta grows. Yarns that stick may turn
+elastically before they slide.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, smoothed_coulomb
+from wovenfab.forms.friction import COULOMB, SMOOTH, elastic_sliding, smoothed_coulomb
 from wovenfab.forms.kinematics import Point, shear_angle
 
 
@@ -55,6 +56,19 @@ EFFECT = Effect(
             bound=COULOMB,
             resists=frozenset({"shearing"}),
             law="coulomb",
+        ),
+        Effect(
+            name="spin_friction",
+            summary="Friction between yarns that turn elastically on each other before they slide",
+            parameters=(
+                STRENGTH,
+                Parameter(
+                    "stiffness", "N/m", "torque per area and angle before sliding", above=0.0
+                ),
+            ),
+            resists=frozenset({"shearing"}),
+            law="elastic",
+            **elastic_sliding(lambda point: [angle(point)], ("turned",), "rad"),
         ),
     ),
 )

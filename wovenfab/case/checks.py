@@ -281,6 +281,13 @@ def _tolerance(time: Time) -> Iterator[Finding]:
         yield ("time", "tolerance"), reason, "Use 'scheme: bdf3', or leave this key out."
 
 
+def _end_of_step(time: Time, scene: Scene) -> Iterator[Finding]:
+    yields = [e.name for e in scene if e.effect.lost]
+    if time.scheme == "midpoint" and yields:
+        reason = f"the elastic law of {yields[0]} needs equilibrium at the end of a step"
+        yield ("time", "scheme"), reason, "Use 'scheme: bdf2'."
+
+
 def values_at(value: Value, x: Array, y: Array, *programs: float) -> Array:
     """Return a parameter's value at points, or a force's for the programs (m)."""
     values: Array = np.full_like(x, 0.0 if isinstance(value, Expression) else value)
@@ -419,6 +426,7 @@ COMBINATIONS: tuple[tuple[Callable[..., Iterator[Finding]], tuple[str, ...]], ..
     (_mesh, ("sheet", "discretisation")),
     (_accuracy, ("accuracy", "discretisation", "time", "from_state")),
     (_tolerance, ("time",)),
+    (_end_of_step, ("time", "scene")),
     (_petsc, ("solver",)),
 )
 

@@ -22,12 +22,11 @@ from ufl.constantvalue import Zero
 
 from wovenfab.forms.balance import Balance, first_variation, second_variation
 from wovenfab.forms.effect import DualFrictionLaw, Term
+from wovenfab.forms.friction import mean_over_angles
 from wovenfab.forms.kinematics import Point, point_of, point_variation, shear_angle
 from wovenfab.model.assembly import compile_expression, compile_expressions
 
 Array = NDArray[np.float64]
-#: Gauss's rule on (-1, 1): exact where the strength is of fifth degree in the shear angle.
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
 
 
 @dataclass(frozen=True)
@@ -103,11 +102,7 @@ class FrictionStress:
         start, end = (
             shear_angle(self._point(u).f, fibres) for u in (rate.history[0], self.balance.field)
         )
-        strength, change = self.strength(), (end - start) / rate.stage
-        return sum(
-            weight / 2 * ufl.replace(strength, {angle: start + (1 + point) / 2 * change})
-            for point, weight in zip(POINTS.tolist(), WEIGHTS.tolist(), strict=True)
-        )
+        return mean_over_angles(self.strength(), angle, start, start + (end - start) / rate.stage)
 
     def creep(self) -> Any | None:
         """Return b below the largest stress and its derivative by the stress, a vector of both.

@@ -26,7 +26,8 @@ from ufl.constantvalue import Zero
 
 from wovenfab.forms.balance import Balance
 from wovenfab.forms.effect import Target, Term, along_fields, by_parameter
-from wovenfab.forms.kinematics import Point, point_of
+from wovenfab.forms.friction import mean_over_angles
+from wovenfab.forms.kinematics import Point, point_of, shear_angle
 from wovenfab.model.assembly import compile_expression
 
 Array = NDArray[np.float64]
@@ -186,6 +187,27 @@ class Memory:
         variables = term.effect.memory
         return ufl.as_vector([v.update(now, before, term.values, self.step) for v in variables])
 
+    def loss(self, term: Term) -> Any:
+        """Return the energy (J) of a step that an effect with a stored energy loses, in UFL."""
+        return self.yielded(term) if term.effect.lost else self.released(term)
+
+    def yielded(self, term: Term) -> Any:
+        """Return the energy (J) that a step loses as the variables of an effect yield, in UFL.
+
+        Values that depend on the shear angle count with their mean over the step.
+        """
+        assert term.effect.lost is not None
+        angles = [shear_angle(p.f, p.fibres) for p in reversed(self._points())]
+        names = [v.name for v in term.effect.memory]
+        means = {
+            name: value if name in names else mean_over_angles(value, term.angle, *angles)
+            for name, value in term.values.items()
+        }
+        moved = self.updated(term)
+        density = term.effect.lost([moved[i] for i in range(len(names))], means)
+        rule = {"quadrature_degree": self._balance.quadrature}
+        return term.weight * density * ufl.dx(metadata=rule)
+
     def released(self, term: Term) -> Any:
         """Return the stored energy (J) that the last change of an effect's variables has released.
 
@@ -222,6 +244,8 @@ class Memory:
         """Update the variables by the step that ends with the model's present field."""
         for variables, update in zip(self.variables, self._updates, strict=True):
             variables.accepted = variables.at(update), variables.accepted[0]
+            if variables.term.effect.lost:
+                variables.begin()
 
     def snapshot(self) -> dict[str, Any]:
         """Return the values by effect and names of its variables."""

@@ -227,7 +227,7 @@ def build_model(
     field, last = fem.Function(space), fem.Function(space)
     remembered = any(e.needs.history for e in effects)
     follow = any(map(_follows_angle, terms))
-    kept = max(numerics.history, 2 if follow else 1) if remembered else 0
+    kept = max(numerics.history, 2 if follow else 1) if remembered or follow else 0
     history = tuple(fem.Function(space) for _ in range(kept))
     rate_weights = tuple(_constant(mesh, 1.0) for _ in range(kept + 1)) if kept else ()
     fibres = tuple(_constant(mesh, d) for d in sheet.fibres)
@@ -272,8 +272,7 @@ def build_model(
     )
     sums = _sums_of(balance, placements, last if numerics.mixed else None, frictions)
     if memory:
-        released = {t.effect.name: memory.released(t) for t in terms if t.effect.releases}
-        sums["loss"] = {**sums["loss"], **released}
+        sums["loss"] |= {t.effect.name: memory.loss(t) for t in terms if t.effect.releases}
     return Model(
         sheet=sheet,
         effects=tuple(effects),

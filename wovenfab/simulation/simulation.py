@@ -82,8 +82,13 @@ class Simulation:
 
         Raises:
             OptionError: PETSc cannot use an option.
-            ValueError: The model keeps fewer earlier states than the scheme looks back at.
+            ValueError: The model keeps fewer earlier states than the scheme looks back at, or its
+                internal variables yield and the scheme has no equilibrium at the end of a step.
         """
+        if SCHEMES[scheme].stage < 1 and any(e.lost for e in problem.model.effects):
+            raise ValueError(
+                f"elastic friction needs equilibrium at the end of a step, not {scheme}"
+            )
         kept, needed = len(problem.model.history), SCHEMES[scheme].memory
         if 0 < kept < needed:
             raise ValueError(f"{scheme} looks back at {needed} states: Numerics(history={needed})")

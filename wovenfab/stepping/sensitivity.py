@@ -334,7 +334,7 @@ def sensitivity_forms(
         if term.effect.set_valued:
             return replace(at_points[term.effect.name], term=term).loss()
         assert model.memory is not None
-        return model.memory.released(term)
+        return model.memory.loss(term)
 
     def residual(term: Term) -> Any:
         return balance.alone(term).residual(test)
