@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
+from math import sqrt
 from typing import Any
 
-import numpy as np
 import ufl
 
 from wovenfab.forms.balance import Balance
 from wovenfab.forms.effect import DualFrictionLaw, InternalVariable, Term, Values
 from wovenfab.forms.kinematics import Point, point_of
 
-#: Gauss's rule on (-1, 1).
-POINTS, WEIGHTS = np.polynomial.legendre.leggauss(3)
+#: Points and weights of Gauss's rule on (0, 1).
+GAUSS = ((0.5 - sqrt(0.15), 5 / 18), (0.5, 4 / 9), (0.5 + sqrt(0.15), 5 / 18))
 
 
 def log_cosh(x: Any) -> Any:
@@ -50,8 +51,8 @@ def mean_over_angles(value: Any, angle: Any | None, start: Any, end: Any) -> Any
     if angle is None:
         return value
     return sum(
-        weight / 2 * ufl.replace(value, {angle: start + (1 + point) / 2 * (end - start)})
-        for point, weight in zip(POINTS.tolist(), WEIGHTS.tolist(), strict=True)
+        weight * ufl.replace(value, {angle: start + point * (end - start)})
+        for point, weight in GAUSS
     )
 
 
@@ -77,43 +78,49 @@ def sliding(stretch: Any, strength: Any, stiffness: Any) -> Any:
     return ufl.max_value(stretch - most, 0) + ufl.min_value(stretch + most, 0)
 
 
-def elastic_sliding(
-    components: Callable[[Point], Sequence[Any]], names: Sequence[str], unit: str
-) -> dict[str, Any]:
-    """Return the energy, the loss and the memory of a friction that is elastic before it slides.
+@dataclass(frozen=True)
+class ElasticSliding:
+    """A friction that is elastic before it slides.
 
     Each component of its measure has a spring (``stiffness``) in series with a slider
     (``strength``): Jenkins's element (Iwan, J. Appl. Mech. 1966, doi:10.1115/1.3625199).
 
-    Args:
+    Attributes:
         components: Returns the components of the measure.
-        names: Of the internal variables, the position of each slider.
+        sliders: Names of the positions of the sliders, which are internal variables.
         unit: SI unit of the measure.
     """
 
-    def stretches(point: Point, values: Values) -> list[Any]:
-        return [m - values[n] for m, n in zip(components(point), names, strict=True)]
+    components: Callable[[Point], Sequence[Any]]
+    sliders: tuple[str, ...]
+    unit: str
 
-    def law(values: Values) -> tuple[Any, Any]:
-        return values["strength"], values["stiffness"]
+    def energy(self, point: Point, values: Values) -> Any:
+        """Return the potential of a step (J/m^2), which is the energy of springs that hold."""
+        law = values["strength"], values["stiffness"]
+        return sum(elastic_potential(s, *law) for s in self._stretches(point, values))
 
-    def energy(point: Point, values: Values) -> Any:
-        return sum(elastic_potential(s, *law(values)) for s in stretches(point, values))
+    def lost(self, moved: Sequence[Any], values: Values) -> Any:
+        """Return what the sliders lose (J/m^2) as they move to where they are after a step."""
+        pairs = zip(moved, self.sliders, strict=True)
+        return sum(values["strength"] * abs(m - values[name]) for m, name in pairs)
 
-    def lost(moved: Sequence[Any], values: Values) -> Any:
-        return sum(
-            values["strength"] * abs(m - values[n]) for m, n in zip(moved, names, strict=True)
+    def slide(self, number: int, now: Point, before: Point, values: Values, step: Any) -> Any:
+        """Return the position of a slider after a step."""
+        stretch = self._stretches(now, values)[number]
+        moved = sliding(stretch, values["strength"], values["stiffness"])
+        return values[self.sliders[number]] + moved
+
+    def memory(self) -> tuple[InternalVariable, ...]:
+        """Return the internal variables."""
+        return tuple(
+            InternalVariable(name, self.unit, "position of the slider", partial(self.slide, i))
+            for i, name in enumerate(self.sliders)
         )
 
-    def slide(number: int, now: Point, before: Point, values: Values, step: Any) -> Any:
-        stretch = stretches(now, values)[number]
-        return values[names[number]] + sliding(stretch, *law(values))
-
-    memory = tuple(
-        InternalVariable(name, unit, "position of the slider", partial(slide, i))
-        for i, name in enumerate(names)
-    )
-    return {"energy": energy, "lost": lost, "memory": memory}
+    def _stretches(self, point: Point, values: Values) -> list[Any]:
+        pairs = zip(self.components(point), self.sliders, strict=True)
+        return [m - values[name] for m, name in pairs]
 
 
 def smooth_bound(strength: Callable[[Values], Any]) -> DualFrictionLaw:

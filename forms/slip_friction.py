@@ -12,7 +12,7 @@ from typing import Any
 import ufl
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, elastic_sliding, smoothed_coulomb
+from wovenfab.forms.friction import COULOMB, SMOOTH, ElasticSliding, smoothed_coulomb
 from wovenfab.forms.kinematics import Point
 
 
@@ -35,6 +35,7 @@ def dissipation(rate: Any, values: Values) -> Any:
 STRENGTH = Parameter(
     "strength", "N/m^2", "largest friction stress zeta", usual=(1.0, 1e8), of_angle=True
 )
+ELASTIC = ElasticSliding(components, ("slid_1", "slid_2"), "m")
 
 EFFECT = Effect(
     name="slip_friction",
@@ -70,7 +71,9 @@ EFFECT = Effect(
             needs=Needs(placements=2),
             resists=frozenset({"slipping"}),
             law="elastic",
-            **elastic_sliding(components, ("slid_1", "slid_2"), "m"),
+            energy=ELASTIC.energy,
+            lost=ELASTIC.lost,
+            memory=ELASTIC.memory(),
         ),
     ),
 )

@@ -9,13 +9,18 @@ from __future__ import annotations
 from typing import Any
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, elastic_sliding, smoothed_coulomb
+from wovenfab.forms.friction import COULOMB, SMOOTH, ElasticSliding, smoothed_coulomb
 from wovenfab.forms.kinematics import Point, shear_angle
 
 
 def angle(point: Point) -> Any:
     """Return the shear angle gamma (rad)."""
     return shear_angle(point.f, point.fibres)
+
+
+def components(point: Point) -> list[Any]:
+    """Return the shear angle (rad) as the one component."""
+    return [angle(point)]
 
 
 def dissipation(rate: Any, values: Values) -> Any:
@@ -30,6 +35,7 @@ STRENGTH = Parameter(
     usual=(1e-3, 1e5),
     of_angle=True,
 )
+ELASTIC = ElasticSliding(components, ("turned",), "rad")
 
 EFFECT = Effect(
     name="spin_friction",
@@ -68,7 +74,9 @@ EFFECT = Effect(
             ),
             resists=frozenset({"shearing"}),
             law="elastic",
-            **elastic_sliding(lambda point: [angle(point)], ("turned",), "rad"),
+            energy=ELASTIC.energy,
+            lost=ELASTIC.lost,
+            memory=ELASTIC.memory(),
         ),
     ),
 )
