@@ -159,7 +159,12 @@ def shear_angle(f: Pair, fibres: Pair) -> Any:
     Written with the two-argument arctangent, which is the same angle and has a
     bounded derivative up to the locking angle.
     """
-    return _angle(*f, fibres) - _angle(*fibres, fibres)
+    return _angle(*f, fibres) - rest_angle(fibres)
+
+
+def rest_angle(fibres: Pair) -> Any:
+    """Return arcsin(D_1·D_2), zero for orthogonal fibres."""
+    return _angle(*fibres, fibres)
 
 
 def _angle(a: Any, b: Any, fibres: Pair) -> Any:

@@ -196,7 +196,7 @@ def _words(item: Mapping[str, Any], path: KeyPath, keys: Mapping[str, Any]) -> t
             custom = f"One of your own takes its file: '{path[-1]}: {{file: {path[-1]}.py}}'."
             if noun == "effect":
                 return "unknown effect", f"{meant or known} {known if meant else custom}"
-            law = keys.get("law", {}).get("const")
+            law = None if "default" in (of := keys.get("law", {})) else of.get("const")
             return f"unknown key with the law '{law}'" if law else "unknown key", meant or known
         case "literal_error" | "union_tag_invalid":
             text = context.get("expected") or context["expected_tags"]
@@ -254,7 +254,8 @@ def _forms(
         yield from _forms(root, alternative, data)
     for key in ("type", "law") if isinstance(data, dict) else ():
         kind = schema.get("properties", {}).get(key, {}).get("const")
-        if kind and data.get(key, kind) != kind:
+        usual = None if key == "law" and key in schema.get("required", ()) else kind
+        if kind and data.get(key, usual) != kind:
             return
     if schema.get("type") in ("object", "array"):
         yield schema
