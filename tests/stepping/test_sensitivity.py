@@ -19,6 +19,7 @@ from wovenfab.case import read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Target, Term
+from wovenfab.forms.table import TABLE, ForceTable
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
 from wovenfab.solver.problem import SolverOptions
@@ -133,6 +134,22 @@ def test_the_same_holds_for_an_effect_of_the_user() -> None:
     of = build_model(on, [Term(e, values[e.name]) for e in chosen], (), scenes.PROTOTYPE)
     target = Target("my_effect", "stiffness")
     (large, _), (small, _) = (remainders(of, target, share) for share in SHARES)
+    assert falls_by_half(large, small)
+
+
+@pytest.mark.parametrize("name", ["shear", "stretch"])
+def test_the_same_holds_for_the_factor_of_a_table(name: str) -> None:
+    curves = {"shear": (0.0, 200.0, 500.0), "stretch": (0.0, 2e5, 9e5)}
+    table = ForceTable((0.0, 0.01, 0.02), curves[name])
+    by_family = name == "stretch"
+    given = (
+        {"scale": (1.0, 1.2), TABLE: (table, table)} if by_family else {"scale": 1.2, TABLE: table}
+    )
+    names = [f"{n}:table" if n == name else n for n in scenes.BONDED]
+    of = scene(names, {**VALUES, name: given[name]})
+    (large, _), (small, _) = (
+        remainders(of, Target(name, "scale", (1,)), share) for share in SHARES
+    )
     assert falls_by_half(large, small)
 
 

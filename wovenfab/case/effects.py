@@ -24,6 +24,7 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from wovenfab import forms
 from wovenfab.case.document import FILE, LAW
+from wovenfab.case.errors import tagged
 from wovenfab.case.formula import Expression
 from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
 from wovenfab.case.tables import Tabulated
@@ -108,11 +109,11 @@ def _type_of(models: Mapping[str, type[Section]]) -> Any:
 
     def law(data: Any) -> str:
         named = data.get(LAW, first) if isinstance(data, dict) else getattr(data, field(LAW), first)
-        return named if isinstance(named, str) else repr(named)
+        return tagged(named if isinstance(named, str) else repr(named))
 
     if not others:
         return models[first]
-    options = tuple(Annotated[model, Tag(word)] for word, model in models.items())
+    options = tuple(Annotated[model, Tag(tagged(word))] for word, model in models.items())
     return Annotated[Union[options], Discriminator(law)]  # noqa: UP007 - options are computed
 
 

@@ -92,6 +92,15 @@ class FormulaError(ValueError):
         self.remedy = remedy
 
 
+#: What the tags of laws begin with: in the path of an error, a tag is then no key of the section.
+_TAG = "law="
+
+
+def tagged(law: str) -> str:
+    """Return the tag of a law of an effect among the models of its values."""
+    return f"{_TAG}{law}"
+
+
 def value_error(message: str, remedy: str = "") -> PydanticCustomError:
     """Return the error to raise in a validator; arguments as in :class:`Problem`."""
     return PydanticCustomError("wrong", "{message}", {"message": message, "remedy": remedy})
@@ -200,8 +209,9 @@ def _words(item: Mapping[str, Any], path: KeyPath, keys: Mapping[str, Any]) -> t
             return f"unknown key with the law '{law}'" if law else "unknown key", meant or known
         case "literal_error" | "union_tag_invalid":
             text = context.get("expected") or context["expected_tags"]
-            options = text.replace("'", "").replace(" or ", ", ").split(", ")
+            options = text.replace("'", "").replace(_TAG, "").replace(" or ", ", ").split(", ")
             given = context.get("tag", given)
+            given = given.removeprefix(_TAG) if isinstance(given, str) else given
             return f"expected {one_of(options)}, got {describe(given)}", near_miss(given, options)
         case "union_tag_not_found":
             return "missing", "For example 'type: ramp'."

@@ -43,8 +43,8 @@ def _column(file: CsvFile, column: Column, parameter: TableParameter) -> list[fl
     matches = ((title, _TITLE.fullmatch(title)) for title in file.titles)
     found = [(t, m["unit"] or "") for t, m in matches if m and m["name"].casefold() == column.name]
     if len(found) != 1:
-        how_many = "several columns" if found else "no column"
-        raise value_error(f"{file.name}:1: there is {how_many} '{column.name}'", remedy)
+        how_many = "are several columns" if found else "is no column"
+        raise value_error(f"{file.name}:1: there {how_many} '{column.name}'", remedy)
     title, given = found[0]
     if unit and not given:
         raise value_error(f"{file.name}:1: the column '{title}' has no unit", remedy)

@@ -9,6 +9,9 @@ from scipy.interpolate import CubicHermiteSpline, PchipInterpolator
 from wovenfab.forms.table import COEFFICIENTS, ForceTable
 
 Array = NDArray[np.float64]
+#: Slope beyond a table over that of the last two rows, at least: where a curve flattens quickly,
+#: the formula for the slope at its end gives zero, with which yarns would yield without bound.
+LEAST_SLOPE = 0.1
 
 
 def pieces_of(table: ForceTable) -> Array:
@@ -25,8 +28,8 @@ def pieces_of(table: ForceTable) -> Array:
     x, force = np.array(table.strains), np.array(table.forces)
     odd = PchipInterpolator(*(np.concatenate((-of[:0:-1], of)) for of in (x, force)))
     slopes = odd.derivative()(x)
-    if slopes[-1] <= 0:  # the formula for an end gives zero where the curve flattens quickly
-        slopes[-1] = (force[-1] - force[-2]) / (x[-1] - x[-2])
+    secant = (force[-1] - force[-2]) / (x[-1] - x[-2])
+    slopes[-1] = max(slopes[-1], LEAST_SLOPE * secant)
     curve = CubicHermiteSpline(x, force, slopes)
     energy = curve.antiderivative()(x)
     pieces = np.zeros((len(x) + 1, COEFFICIENTS))
