@@ -35,6 +35,7 @@ VALUES = {
     "coupling": {"stiffness": 6.0e6},
     "power_shear": {"stiffness": 300.0, "power": 2.5},
     "viscous_slip": {"viscosity": 2e5},
+    "crimp": {"stiffness": (1e8, 1e8), "crimp": (0.08, 0.08), "resistance": 1e7},
 }
 #: Changes of parameters whose remainders are compared, and remainders that are round-off.
 SHARES, ROUND_OFF = (2e-2, 1e-2), 5e-6
@@ -139,12 +140,10 @@ def test_the_same_holds_for_an_effect_of_the_user() -> None:
 
 @pytest.mark.parametrize("name", ["shear", "stretch"])
 def test_the_same_holds_for_the_factor_of_a_table(name: str) -> None:
-    curves = {"shear": (0.0, 200.0, 500.0), "stretch": (0.0, 2e5, 9e5)}
-    table = ForceTable((0.0, 0.01, 0.02), curves[name])
-    by_family = name == "stretch"
-    given = (
-        {"scale": (1.0, 1.2), TABLE: (table, table)} if by_family else {"scale": 1.2, TABLE: table}
-    )
+    given = {
+        "shear": {"scale": 1.2, TABLE: ForceTable((0.01, 0.02), (2.0, 5.0))},
+        "stretch": {"scale": (1.0, 1.2), TABLE: (ForceTable((0.01, 0.02), (2e5, 9e5)),) * 2},
+    }
     names = [f"{n}:table" if n == name else n for n in scenes.BONDED]
     of = scene(names, {**VALUES, name: given[name]})
     (large, _), (small, _) = (
