@@ -349,12 +349,13 @@ def strain_variation(
     geometric_weight: Any = 1,
     last: Place | None = None,
 ) -> Any:
-    """Return the second variation of a sum of terms that are quadratic in strains.
+    """Return the second variation of a sum of terms that depend on strains.
 
-    That of k/2 s^2 is k ds ds + (k s) dds: an elastic part and a geometric one, by the force. The
-    elastic parts of all squares together have no negative eigenvalue: the positive part.
+    That of k/2 s^2 is k ds ds + (k s) dds: an elastic part and a geometric one, by the force; that
+    of k w(s) is k w'' ds ds + (k w') dds. The elastic parts of all squares and convex laws
+    together have no negative eigenvalue: the positive part.
 
-    In a mixed term the force k s of that part is replaced by its linearisation from the last
+    In a mixed term the force of the geometric part is replaced by its linearisation from the last
     iterate, so that a large rotation of a stiff yarn is not taken for a large force
     (Magisano, Leonetti, Garcea, CMAME 2017). At the solution both are the same.
 
@@ -391,7 +392,8 @@ def strain_variation(
         source = old if now.mixed else now
         for (a, b), (u, v) in zip(_products(now), _products(source), strict=True):
             if now.other is None:
-                part = first(a, trial) * first(a, test) + geometric_weight * force(u) * second(a)
+                elastic = now.tangent(a) * first(a, trial) * first(a, test)
+                part = elastic + geometric_weight * force(source.force(u)) * second(a)
             else:
                 part = first(a, trial) * first(b, test) + first(b, trial) * first(a, test)
                 part = geometric_weight * (part + force(u) * second(b) + force(v) * second(a))

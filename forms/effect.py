@@ -17,6 +17,7 @@ from typing import Any
 import ufl
 
 from wovenfab.forms.kinematics import Edge, Facet, Point
+from wovenfab.forms.table import TABLE, ForceTable, TableParameter
 
 #: Parameter values by name: a UFL scalar, or one for each family.
 Values = Mapping[str, Any]
@@ -88,16 +89,18 @@ class Needs:
 
 @dataclass(frozen=True)
 class Strain:
-    """One term of a stored energy that is quadratic in strains.
+    """One term of a stored energy that depends on strains.
 
-    It is ``stiffness/2 * measure**2``, or ``stiffness * measure * other`` of two measures. The
-    tangent of such a term has an elastic part, by the slopes of the measures, and a geometric
-    one, by their curvature and the force. The elastic parts of squares are never negative.
+    It is ``stiffness/2 * measure**2``, or ``stiffness * measure * other`` of two measures, or
+    ``stiffness * law(measure)``. The tangent of such a term has an elastic part, by the slopes of
+    the measures, and a geometric one, by their curvature and the force. The elastic parts of
+    squares and of convex laws are never negative.
 
     Attributes:
         measure: A scalar or a vector.
         stiffness: A scalar.
         other: Another measure of the same shape; None for a square.
+        law: Convex energy of a scalar measure; None for half of its square.
         mixed: Whether the force in the geometric part is linearised from the last iterate,
             which keeps Newton's method quick where the stiffness is huge
             (Magisano, Leonetti, Garcea, CMAME 2017).
@@ -106,14 +109,30 @@ class Strain:
     measure: Any
     stiffness: Any
     other: Any | None = None
+    law: Callable[[Any], Any] | None = None
     mixed: bool = True
 
     @property
     def energy(self) -> Any:
         """The energy density of the term."""
+        if self.law is not None:
+            return self.stiffness * self.law(self.measure)
         if self.other is None:
             return self.stiffness / 2 * ufl.inner(self.measure, self.measure)
         return self.stiffness * ufl.inner(self.measure, self.other)
+
+    def force(self, measure: Any) -> Any:
+        """Return the derivative of the energy by a measure, for a stiffness of one."""
+        return measure if self.law is None else _slope(self.law, measure)
+
+    def tangent(self, measure: Any) -> Any:
+        """Return the second derivative in the same way."""
+        return 1 if self.law is None else _slope(self.force, measure)
+
+
+def _slope(function: Callable[[Any], Any], at: Any) -> Any:
+    at = ufl.variable(at)
+    return ufl.diff(function(at), at)
 
 
 @dataclass(frozen=True)
@@ -178,6 +197,8 @@ class Effect:
         law: Key by which a case chooses among the effect's laws; empty if it has one.
         laws: Its other laws, each an effect of the same name; a case that names none
             gets this one.
+        table: The table that it takes; its functions find the coefficients of the pieces, as
+            :func:`wovenfab.forms.table.table_energy` takes them, among the values.
         facet_strains: Terms of the stored energy per length (J/m) of an interior facet.
         edge_strains: The same on an edge where the yarn directions are held.
         memory: The internal variables that its functions inside the sheet may depend on.
@@ -201,6 +222,7 @@ class Effect:
     bound: DualFrictionLaw | None = None
     law: str = ""
     laws: tuple[Effect, ...] = ()
+    table: TableParameter | None = None
     facet_strains: Callable[[Facet, Values], tuple[Strain, ...]] | None = None
     edge_strains: Callable[[Edge, Values], tuple[Strain, ...]] | None = None
     memory: tuple[InternalVariable, ...] = ()
@@ -233,7 +255,13 @@ class Effect:
         if self.memory and (self.facet_strains or self.edge_strains):
             raise ValueError(f"effect {self.name!r}: a memory is inside the sheet, not on facets")
 
-    def __call__(self, *values: Any, law: str = "", **named: Any) -> Term:
+    def __call__(
+        self,
+        *values: Any,
+        law: str = "",
+        table: ForceTable | tuple[ForceTable, ForceTable] | None = None,
+        **named: Any,
+    ) -> Term:
         """Return the effect with its parameters in SI units, as in ``shear(stiffness=400.0)``.
 
         Args:
@@ -241,6 +269,7 @@ class Effect:
                 position that return UFL; a pair where both families have their own. Strengths of
                 friction may be :class:`OfShearAngle`.
             law: One of the effect's laws; the first one unless given.
+            table: The table of a law that takes one; a pair where both families have their own.
             **named: Parameters by name.
 
         Raises:
@@ -268,6 +297,12 @@ class Effect:
                 raise TypeError(f"{self.name}: {name} cannot depend on the shear angle")
             pair = parameter.per_family and not isinstance(value, tuple)
             given[name] = (value, value) if pair else value
+        if (effect.table is None) != (table is None):
+            takes = f"no {TABLE}" if effect.table is None else effect.table.meaning
+            raise TypeError(f"{self.name} takes {takes}")
+        if effect.table is not None:
+            pair = effect.table.per_family and not isinstance(table, tuple)
+            given[TABLE] = (table, table) if pair else table
         return Term(effect, given)
 
     @property

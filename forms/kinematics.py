@@ -118,6 +118,13 @@ def as_variables(place: Any) -> Any:
     return place.with_measures([ufl.variable(m) for m in place.measures])
 
 
+def unlabelled(place: Any) -> Any:
+    """Return the place with the values of its measures, which no derivative by them sees."""
+    variable = ufl.classes.Variable
+    values = (m.ufl_operands[0] if isinstance(m, variable) else m for m in place.measures)
+    return place.with_measures(list(values))
+
+
 def along(direction: Any, field: Any) -> Any:
     """Return the derivative of a vector field along ``direction``."""
     return ufl.dot(ufl.grad(field), direction)
@@ -159,7 +166,12 @@ def shear_angle(f: Pair, fibres: Pair) -> Any:
     Written with the two-argument arctangent, which is the same angle and has a
     bounded derivative up to the locking angle.
     """
-    return _angle(*f, fibres) - _angle(*fibres, fibres)
+    return _angle(*f, fibres) - rest_angle(fibres)
+
+
+def rest_angle(fibres: Pair) -> Any:
+    """Return arcsin(D_1·D_2), zero for orthogonal fibres."""
+    return _angle(*fibres, fibres)
 
 
 def _angle(a: Any, b: Any, fibres: Pair) -> Any:

@@ -1,14 +1,29 @@
-"""Stretch of the yarns: K_e/2 (|f_a| - 1)^2 for each family, eqs. (2), (3)."""
+"""Stretch of the yarns: K_e/2 (|f_a| - 1)^2 for each family, eqs. (2), (3), or a measured law."""
 
 from __future__ import annotations
 
+from functools import partial
+
 from wovenfab.forms.effect import Effect, Parameter, Strain, Values
 from wovenfab.forms.kinematics import Point, stretch
+from wovenfab.forms.table import TABLE, Column, TableParameter, table_energy
 
 
 def strains(point: Point, values: Values) -> tuple[Strain, ...]:
     """Return the stretch of each family with its stiffness (N/m)."""
     return tuple(Strain(stretch(f), k) for f, k in zip(point.f, values["stiffness"], strict=True))
+
+
+def tabulated_strains(point: Point, values: Values) -> tuple[Strain, ...]:
+    """Return the stretch of each family with its measured law.
+
+    A yarn that is shorter than at rest has the stiffness of the first rows.
+    """
+    families = zip(point.f, values["scale"], values[TABLE], strict=True)
+    return tuple(
+        Strain(stretch(f), scale, law=partial(table_energy, pieces=pieces))
+        for f, scale, pieces in families
+    )
 
 
 EFFECT = Effect(
@@ -25,4 +40,22 @@ EFFECT = Effect(
     ),
     strains=strains,
     resists=frozenset({"stretching"}),
+    law="linear",
+    laws=(
+        Effect(
+            name="stretch",
+            summary="Elastic stretch of the yarns by a measured curve",
+            parameters=(
+                Parameter("scale", "1", "factor of all forces", per_family=True, default=1.0),
+            ),
+            strains=tabulated_strains,
+            resists=frozenset({"stretching"}),
+            law="table",
+            table=TableParameter(
+                Column("strain", "1", "stretch of the yarns |f_a| - 1"),
+                Column("force", "N/m", "tension of a family per width"),
+                per_family=True,
+            ),
+        ),
+    ),
 )

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from wovenfab.forms import effects
     from wovenfab.forms.bending import EFFECT as bending
     from wovenfab.forms.coupling import EFFECT as coupling
+    from wovenfab.forms.crimp import EFFECT as crimp
     from wovenfab.forms.effect import (
         DualFrictionLaw,
         Effect,
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from wovenfab.forms.slip_friction import EFFECT as slip_friction
     from wovenfab.forms.spin_friction import EFFECT as spin_friction
     from wovenfab.forms.stretch import EFFECT as stretch
+    from wovenfab.forms.table import ForceTable
     from wovenfab.forms.viscous_slip import EFFECT as viscous_slip
     from wovenfab.interface import (
         History,
@@ -98,6 +100,7 @@ _PUBLIC = {
         ),
         *("Parameter", "Strain", "Target", "Term"),
     ),
+    "forms.table": ("ForceTable",),
     "interface": (
         *("History", "Run", "SolvedStep", "StepOverError"),
         *("read_results", "simulate", "steps"),

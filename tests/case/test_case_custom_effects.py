@@ -114,7 +114,7 @@ REMEMBER = """\
         ('"m", "so far"', '"ell", "so far"', "the internal variable 'slid' has the unknown unit "
          "'ell'."),
         ('("slid"', '("power"', "an internal variable cannot be named 'power'. Names are unique, "
-         "of letters, digits and '_', and not 'file' or 'law'."),
+         "of letters, digits and '_', and not 'file', 'law' or 'table'."),
         ("abs(now.slip[0] - before.slip[0])", "now.slip",
          ":13: UFLException|ValueError"),
         ('values["slid"]\n        + abs(now.slip[0] - before.slip[0])', "now.slip",

@@ -19,6 +19,7 @@ from wovenfab.case import read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Target, Term
+from wovenfab.forms.table import TABLE, ForceTable
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
 from wovenfab.solver.problem import SolverOptions
@@ -34,6 +35,7 @@ VALUES = {
     "coupling": {"stiffness": 6.0e6},
     "power_shear": {"stiffness": 300.0, "power": 2.5},
     "viscous_slip": {"viscosity": 2e5},
+    "crimp": {"stiffness": (1e8, 1e8), "crimp": (0.08, 0.08), "resistance": 1e7},
 }
 #: Changes of parameters whose remainders are compared, and remainders that are round-off.
 SHARES, ROUND_OFF = (2e-2, 1e-2), 5e-6
@@ -133,6 +135,20 @@ def test_the_same_holds_for_an_effect_of_the_user() -> None:
     of = build_model(on, [Term(e, values[e.name]) for e in chosen], (), scenes.PROTOTYPE)
     target = Target("my_effect", "stiffness")
     (large, _), (small, _) = (remainders(of, target, share) for share in SHARES)
+    assert falls_by_half(large, small)
+
+
+@pytest.mark.parametrize("name", ["shear", "stretch"])
+def test_the_same_holds_for_the_factor_of_a_table(name: str) -> None:
+    given = {
+        "shear": {"scale": 1.2, TABLE: ForceTable((0.01, 0.02), (2.0, 5.0))},
+        "stretch": {"scale": (1.0, 1.2), TABLE: (ForceTable((0.01, 0.02), (2e5, 9e5)),) * 2},
+    }
+    names = [f"{n}:table" if n == name else n for n in scenes.BONDED]
+    of = scene(names, {**VALUES, name: given[name]})
+    (large, _), (small, _) = (
+        remainders(of, Target(name, "scale", (1,)), share) for share in SHARES
+    )
     assert falls_by_half(large, small)
 
 

@@ -28,17 +28,17 @@ CASE = f"{SMALL}output: {{pictures: false}}\n"
 
 
 @pytest.fixture
-def crimp(tmp_path: Path) -> Iterator[None]:
+def lattice(tmp_path: Path) -> Iterator[None]:
     """Add the file of shear under another name, as if it lay in forms/."""
     folder = tmp_path / "more"
     folder.mkdir()
-    source = (ROOT / "forms" / "shear.py").read_text().replace('name="shear"', 'name="crimp"')
-    (folder / "crimp.py").write_text(source)
+    source = (ROOT / "forms" / "shear.py").read_text().replace('name="shear"', 'name="lattice"')
+    (folder / "lattice.py").write_text(source)
     forms.__path__.append(str(folder))
     effects.cache_clear()
     yield
     forms.__path__.remove(str(folder))
-    sys.modules.pop("wovenfab.forms.crimp", None)
+    sys.modules.pop("wovenfab.forms.lattice", None)
     effects.cache_clear()
 
 
@@ -53,29 +53,31 @@ def results(name: str, text: str, folder: Path) -> Path:
     return directory
 
 
-@pytest.mark.usefixtures("crimp")
+@pytest.mark.usefixtures("lattice")
 def test_it_is_in_schema_checks_and_docs(tmp_path: Path) -> None:
     properties = json_schema()["$defs"]["Effects"]["properties"]
-    assert properties.keys() == effects().keys() and "crimp" in properties
-    assert "| `crimp` | Shear with a barrier" in effects_page()
+    assert properties.keys() == effects().keys() and "lattice" in properties
+    assert "| `lattice` | Shear with a barrier" in effects_page()
     path = tmp_path / "case.yaml"
     path.write_text(CASE)
     told = describe(read_case(path), 1)
-    assert "adding crimp or power_shear would bring its own terms only" in told
-    path.write_text(CASE.replace("shear: {stiffness: 400 N/m}", "crimp: {stiffness: 400 m}"))
-    with pytest.raises(CaseError, match=r"effects\.crimp\.stiffness: expected a .*per length"):
+    assert "adding crimp, lattice or power_shear would bring its own terms only" in told
+    path.write_text(CASE.replace("shear: {stiffness: 400 N/m}", "lattice: {stiffness: 400 m}"))
+    with pytest.raises(CaseError, match=r"effects\.lattice\.stiffness: expected a .*per length"):
         read_case(path)
 
 
-def test_it_is_in_history_and_results_and_acts_like_any_other(crimp: Path, tmp_path: Path) -> None:
+def test_it_is_in_history_and_results_and_acts_like_any_other(
+    lattice: Path, tmp_path: Path
+) -> None:
     here, there = (
-        results(name, CASE.replace("shear", name), tmp_path) for name in ("shear", "crimp")
+        results(name, CASE.replace("shear", name), tmp_path) for name in ("shear", "lattice")
     )
-    shear, crimp = read_history(here), read_history(there)
-    assert crimp["energy_crimp_J"][-1] > 0
-    assert crimp["energy_crimp_J"] == pytest.approx(shear["energy_shear_J"], rel=1e-10)
-    assert crimp["force_N"] == pytest.approx(shear["force_N"], rel=1e-8)
-    assert "crimp:" in (there / "case.yaml").read_text()
+    shear, lattice = read_history(here), read_history(there)
+    assert lattice["energy_lattice_J"][-1] > 0
+    assert lattice["energy_lattice_J"] == pytest.approx(shear["energy_shear_J"], rel=1e-10)
+    assert lattice["force_N"] == pytest.approx(shear["force_N"], rel=1e-8)
+    assert "lattice:" in (there / "case.yaml").read_text()
     assert json.loads((there / "summary.json").read_text())["outcome"] == "finished"
     angles = [read_fields(directory).field("shear_angle", -1) for directory in (here, there)]
     assert np.abs(angles[0]).max() > 0.05

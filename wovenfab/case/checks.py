@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, combinations, islice, product
-from math import ceil, sqrt
+from math import acos, ceil, cos, degrees, sqrt
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,7 @@ from wovenfab.case.schema import (
     Time,
     possible_fields,
 )
+from wovenfab.forms.table import TABLE
 
 Array = NDArray[np.float64]
 Program = tuple[SegmentSection, ...]
@@ -91,6 +92,22 @@ def _sound(scene: Scene) -> Iterator[Finding]:
         resistance, reason = lack
         resisting = one_of(effects_that_resist(resistance, scene))
         yield ("effects",), reason, f"That takes {resisting}, with values above zero."
+
+
+def _tables(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
+    """Yield tables against an angle that end where the yarns already lie on each other."""
+    aligned = acos(abs(cos(sheet.fibres[1] - sheet.fibres[0])))
+    for e in scene:
+        if e.effect.table is None or e.effect.table.strain.unit != "rad":
+            continue
+        tables = e.table if isinstance(e.table, tuple) else (e.table,)
+        last = max(t.strains[-1] for t in tables if t is not None)
+        if last >= aligned:
+            reason = (
+                f"ends at {degrees(last):.4g} deg, but yarns align at {degrees(aligned):.4g} deg"
+            )
+            remedy = "Leave rows out: beyond the last one the force grows without bound by itself."
+            yield ("effects", e.name, TABLE), reason, remedy
 
 
 def _known_edges(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Finding]:
@@ -408,6 +425,7 @@ def _petsc(solver: Solver) -> Iterator[Finding]:
 COMBINATIONS: tuple[tuple[Callable[..., Iterator[Finding]], tuple[str, ...]], ...] = (
     (_initial_loads, ("scene", "boundary")),
     (_sound, ("scene",)),
+    (_tables, ("sheet", "scene")),
     (_known_edges, ("sheet", "boundary")),
     (_held, ("sheet", "scene", "boundary")),
     (_corners, ("sheet", "boundary")),

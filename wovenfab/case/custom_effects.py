@@ -27,11 +27,12 @@ from wovenfab.case.effects import RESISTIBLE, CustomEffect, CustomEffects, Scene
 from wovenfab.case.errors import case_error, one_of, value_error
 from wovenfab.forms.effect import Effect, Values
 from wovenfab.forms.kinematics import Point, point_of
+from wovenfab.forms.table import COEFFICIENTS, TABLE
 from wovenfab.lacking import LackingError
 from wovenfab.plain_text import in_brief
 
 #: Keys of an effect that are no parameters.
-RESERVED = (FILE, LAW)
+RESERVED = (FILE, LAW, TABLE)
 _NAME = re.compile(r"[a-zA-Z][a-zA-Z0-9_]*")
 
 
@@ -210,10 +211,13 @@ def _symbols(effect: Effect) -> tuple[Point, Values]:
     mesh = ufl.Mesh(element(1, 2))
     field = ufl.Coefficient(ufl.FunctionSpace(mesh, element(2, 2 * effect.needs.placements)))
     fibres = (ufl.Constant(mesh, shape=(2,)), ufl.Constant(mesh, shape=(2,)))
-    values = {
+    values: dict[str, Any] = {
         p.name: (ufl.Constant(mesh), ufl.Constant(mesh)) if p.per_family else ufl.Constant(mesh)
         for p in effect.parameters
     } | {v.name: ufl.Constant(mesh) for v in effect.memory}
+    if effect.table is not None:
+        pieces = ufl.Constant(mesh, shape=(3, COEFFICIENTS))
+        values[TABLE] = (pieces, pieces) if effect.table.per_family else pieces
     return point_of(field, fibres, effect.needs.second_gradient), values
 
 

@@ -30,6 +30,7 @@ from wovenfab.case.errors import (
     reason,
     value_error,
 )
+from wovenfab.forms.table import TABLE
 
 #: Key of a value that names a file, wherever it stands in a case.
 FILE = "file"
@@ -37,6 +38,11 @@ FILE = "file"
 STATE = "from_state"
 #: Key that chooses among the laws of an effect.
 LAW = "law"
+
+
+def _names_file(path: KeyPath) -> bool:
+    """Return whether a text at a path may be the name of a file or folder."""
+    return path[-1:] in ((FILE,), (STATE,)) or TABLE in path[2:3]
 
 
 class FileName(str):
@@ -253,7 +259,7 @@ class _Reader:
             case ScalarNode() if node.tag in _TEXT:
                 if (text := joined(node.value)) is None:
                     self._problem(line, path, "half a character, as \\ud83d, is no text")
-                elif self.folder is not None and path[-1:] in ((FILE,), (STATE,)):
+                elif self.folder is not None and _names_file(path):
                     return FileName(text, self.folder)
                 return text
         self._problem(line, path, f"YAML tags such as {node.tag!r} mean nothing here")

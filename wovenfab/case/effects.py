@@ -24,10 +24,13 @@ from pydantic_core import PydanticCustomError, core_schema
 
 from wovenfab import forms
 from wovenfab.case.document import FILE, LAW
+from wovenfab.case.errors import tagged
 from wovenfab.case.formula import SHEAR_ANGLE, Expression
 from wovenfab.case.quantities import Json, OneOr, Quantity, Section, hide_default
+from wovenfab.case.tables import Tabulated
 from wovenfab.case.units import KINDS
 from wovenfab.forms.effect import Effect, Needs, Parameter
+from wovenfab.forms.table import TABLE, ForceTable
 
 #: A parameter's value in SI units: the same everywhere, or a formula of x and y.
 Value = float | Expression
@@ -43,12 +46,14 @@ class SceneEffect:
         effect: The effect; two with the same name and file count as equal.
         values: All its parameters.
         file: Where it was read from if it is the user's own.
+        table: Its table if it takes one; a pair if the families may have different ones.
         name: Its name.
     """
 
     effect: Effect = dataclass_field(compare=False, repr=False)
     values: Values
     file: Path | None = None
+    table: ForceTable | tuple[ForceTable, ForceTable] | None = None
     name: str = dataclass_field(init=False)
 
     def __post_init__(self) -> None:
@@ -105,16 +110,19 @@ def _type_of(models: Mapping[str, type[Section]]) -> Any:
 
     def law(data: Any) -> str:
         named = data.get(LAW, first) if isinstance(data, dict) else getattr(data, field(LAW), first)
-        return named if isinstance(named, str) else repr(named)
+        return tagged(named if isinstance(named, str) else repr(named))
 
     if not others:
         return models[first]
-    options = tuple(Annotated[model, Tag(word)] for word, model in models.items())
+    options = tuple(Annotated[model, Tag(tagged(word))] for word, model in models.items())
     return Annotated[Union[options], Discriminator(law)]  # noqa: UP007 - options are computed
 
 
 def _model(effect: Effect, default: bool, more: Mapping[str, Any]) -> type[Section]:
     fields: Any = {field(p.name): (_kind(p), _described(p)) for p in effect.parameters}
+    if table := effect.table:
+        described = Field(alias=TABLE, description=table.meaning, examples=[f"{effect.name}.csv"])
+        fields[field(TABLE)] = (_one_or_pair(Tabulated(table), table.per_family), described)
     name = effect.name
     if effect.law:
         text = f"{_LAW}; this is {effect.law}."
@@ -126,8 +134,12 @@ def _model(effect: Effect, default: bool, more: Mapping[str, Any]) -> type[Secti
 
 
 def _kind(parameter: Parameter) -> Any:
-    one = Annotated[Any, quantity(parameter)]
-    return Annotated[tuple[one, one], OneOr(2)] if parameter.per_family else one
+    return _one_or_pair(quantity(parameter), parameter.per_family)
+
+
+def _one_or_pair(kind: Any, per_family: bool) -> Any:
+    one = Annotated[Any, kind]
+    return Annotated[tuple[one, one], OneOr(2)] if per_family else one
 
 
 def _unit(parameter: Parameter) -> str:
@@ -272,7 +284,8 @@ def _read(data: Any, info: ValidationInfo) -> Scene:
 def _chosen(effect: Effect, given: Section, file: Path | None) -> SceneEffect:
     word = getattr(given, field(LAW), effect.law)
     law = next(one for one in effect.all_laws if one.law == word)
-    return SceneEffect(law, {p.name: getattr(given, field(p.name)) for p in law.parameters}, file)
+    values = {p.name: getattr(given, field(p.name)) for p in law.parameters}
+    return SceneEffect(law, values, file, getattr(given, field(TABLE), None))
 
 
 def _plain(scene: Scene, written: bool) -> dict[str, Any]:
@@ -281,8 +294,17 @@ def _plain(scene: Scene, written: bool) -> dict[str, Any]:
         e.name: ({} if e.file is None else {FILE: str(e.file)})
         | ({LAW: e.effect.law} if e.effect.law else {})
         | {p.name: _written(p, e.values[p.name], written) for p in e.effect.parameters}
+        | _written_table(e)
         for e in scene
     }
+
+
+def _written_table(e: SceneEffect) -> dict[str, Any]:
+    if e.effect.table is None or e.table is None:
+        return {}
+    kind = Tabulated(e.effect.table)
+    both = [kind.write(t) for t in e.table] if isinstance(e.table, tuple) else kind.write(e.table)
+    return {TABLE: both}
 
 
 def _written(parameter: Parameter, value: Any, with_unit: bool) -> Any:

@@ -92,6 +92,15 @@ class FormulaError(ValueError):
         self.remedy = remedy
 
 
+#: What the tags of laws begin with: in the path of an error, a tag is then no key of the section.
+_TAG = "law="
+
+
+def tagged(law: str) -> str:
+    """Return the tag of a law of an effect among the models of its values."""
+    return f"{_TAG}{law}"
+
+
 def value_error(message: str, remedy: str = "") -> PydanticCustomError:
     """Return the error to raise in a validator; arguments as in :class:`Problem`."""
     return PydanticCustomError("wrong", "{message}", {"message": message, "remedy": remedy})
@@ -196,12 +205,13 @@ def _words(item: Mapping[str, Any], path: KeyPath, keys: Mapping[str, Any]) -> t
             custom = f"One of your own takes its file: '{path[-1]}: {{file: {path[-1]}.py}}'."
             if noun == "effect":
                 return "unknown effect", f"{meant or known} {known if meant else custom}"
-            law = keys.get("law", {}).get("const")
+            law = None if "default" in (of := keys.get("law", {})) else of.get("const")
             return f"unknown key with the law '{law}'" if law else "unknown key", meant or known
         case "literal_error" | "union_tag_invalid":
             text = context.get("expected") or context["expected_tags"]
-            options = text.replace("'", "").replace(" or ", ", ").split(", ")
+            options = text.replace("'", "").replace(_TAG, "").replace(" or ", ", ").split(", ")
             given = context.get("tag", given)
+            given = given.removeprefix(_TAG) if isinstance(given, str) else given
             return f"expected {one_of(options)}, got {describe(given)}", near_miss(given, options)
         case "union_tag_not_found":
             return "missing", "For example 'type: ramp'."
@@ -254,7 +264,8 @@ def _forms(
         yield from _forms(root, alternative, data)
     for key in ("type", "law") if isinstance(data, dict) else ():
         kind = schema.get("properties", {}).get(key, {}).get("const")
-        if kind and data.get(key, kind) != kind:
+        usual = None if key == "law" and key in schema.get("required", ()) else kind
+        if kind and data.get(key, usual) != kind:
             return
     if schema.get("type") in ("object", "array"):
         yield schema

@@ -26,6 +26,7 @@ from wovenfab.case import (
     conditions_of,
 )
 from wovenfab.case.checks import unfit_values
+from wovenfab.case.effects import SceneEffect
 from wovenfab.case.errors import dotted
 from wovenfab.case.formula import SHEAR_ANGLE, VARIABLES, coefficients, with_change
 from wovenfab.case.limits import require_memory, require_possible
@@ -33,6 +34,7 @@ from wovenfab.case.program import program_of_case
 from wovenfab.case.resume import identity_of, state_of
 from wovenfab.case.specimen import bias_extension_of
 from wovenfab.forms.effect import OfShearAngle, Target, Term
+from wovenfab.forms.table import TABLE
 from wovenfab.model.constraints import Condition, EdgeLoad, Grip, Held
 from wovenfab.model.model import Model, Numerics, build_model
 from wovenfab.model.probes import extent, misplaced
@@ -96,6 +98,12 @@ def _for_model(value: Any) -> Any:
     if SHEAR_ANGLE in value.variables:
         return OfShearAngle(partial(_at_angle, value))
     return partial(_in_ufl, value)
+
+
+def _values_for_model(e: SceneEffect) -> dict[str, Any]:
+    """Return the values of an effect, its table among them."""
+    table = {} if e.table is None else {TABLE: e.table}
+    return {name: _for_model(value) for name, value in e.values.items()} | table
 
 
 def held_of(component: Component) -> Held | None:
@@ -297,10 +305,7 @@ def model_of(case: Case, sheet: Sheet) -> Model:
         CaseError: If a user's own effect cannot be compiled, on every rank.
     """
     d = case.discretisation
-    values = [
-        {name: _for_model(value) for name, value in term.values.items()} for term in case.scene
-    ]
-    terms = [Term(term.effect, of) for term, of in zip(case.scene, values, strict=True)]
+    terms = [Term(e.effect, _values_for_model(e)) for e in case.scene]
     numerics = Numerics(
         degree=d.degree,
         quadrature=None if d.quadrature_degree == "auto" else d.quadrature_degree,

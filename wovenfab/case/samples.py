@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 
 from pydantic import ValidationInfo
 
-from wovenfab.case.document import existing_file, folder_of
+from wovenfab.case.csv_file import read_csv
 from wovenfab.case.errors import describe, one_of, value_error
 
 COLUMNS, FORCE = ("time_s", "displacement_m"), "force_N"
@@ -43,30 +42,17 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
 
     A tolerance that is read before thins them.
     """
-    path = existing_file(value, folder_of(info), (".csv",))
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            table = csv.DictReader(stream)
-            header = [c.strip() for c in table.fieldnames or ()]
-            table.fieldnames = header
-            force = FORCE in header
-            if force and COLUMNS[1] in header:
-                raise value_error(
-                    f"{value}:1: there are both {COLUMNS[1]} and {FORCE}", "Leave out one."
-                )
-            columns = (COLUMNS[0], FORCE) if force else COLUMNS
-            if missing := [c for c in columns if c not in header]:
-                raise value_error(
-                    f"{value}:1: there is no column {one_of(missing)}",
-                    f"The first line must be '{','.join(columns)}'.",
-                )
-            rows = [_row(row, f"{value}:{table.line_num}", columns) for row in table]
-    except (UnicodeDecodeError, csv.Error) as error:
+    table = read_csv(value, info)
+    force = FORCE in table.titles
+    if force and COLUMNS[1] in table.titles:
+        raise value_error(f"{value}:1: there are both {COLUMNS[1]} and {FORCE}", "Leave out one.")
+    columns = (COLUMNS[0], FORCE) if force else COLUMNS
+    if missing := [c for c in columns if c not in table.titles]:
         raise value_error(
-            f"{value}: this is not a text file with comma-separated values"
-        ) from error
-    except OSError as error:
-        raise value_error(f"{value}: the file cannot be read: {error.strerror}") from error
+            f"{value}:1: there is no column {one_of(missing)}",
+            f"The first line must be '{','.join(columns)}'.",
+        )
+    rows = [_row(row, table.place(i), columns) for i, row in enumerate(table.rows)]
     if not rows:
         raise value_error(f"{value}: the table is empty")
     if rows[0][0] < 0:
@@ -82,10 +68,10 @@ def read_samples(value: Any, info: ValidationInfo) -> Samples:
             )
         corners = thinned(list(zip(times, values, strict=True)), tolerance)
         times, values = zip(*corners, strict=True)
-    return Samples(path, times, values, len(rows), force)
+    return Samples(table.path, times, values, len(rows), force)
 
 
-def _row(row: dict[str, Any], place: str, columns: Iterable[str]) -> tuple[float, float, str]:
+def _row(row: Mapping[str, Any], place: str, columns: Iterable[str]) -> tuple[float, float, str]:
     values = []
     for column in columns:
         try:

@@ -14,6 +14,7 @@ from wovenfab.case.quantities import Json
 from wovenfab.cli.console import Console
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Needs, Parameter
+from wovenfab.forms.table import TABLE, TableParameter
 from wovenfab.simulation.progress import memory
 
 if TYPE_CHECKING:
@@ -208,7 +209,8 @@ def effects_page() -> str:
 
 def _row(effect: Effect, default: bool) -> str:
     name = f"`{effect.name}`" if default else f"`{effect.name}` with `law: {effect.law}`"
-    parameters = "; ".join(map(_parameter, effect.parameters))
+    table = [] if effect.table is None else [_table(effect.table)]
+    parameters = "; ".join([*table, *map(_parameter, effect.parameters)])
     needs = (
         (effect.needs.placements == 2, "two placements"),
         (effect.needs.second_gradient, "second gradients"),
@@ -218,6 +220,11 @@ def _row(effect: Effect, default: bool) -> str:
     needed = ", ".join(what for is_needed, what in needs if is_needed)
     cells = (name, effect.summary, parameters, needed)
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |\n"
+
+
+def _table(table: TableParameter) -> str:
+    family = " (may differ between the families)" if table.per_family else ""
+    return f"`{TABLE}`{family}: {table.meaning}"
 
 
 def _parameter(p: Parameter) -> str:

@@ -21,15 +21,17 @@ from wovenfab.forms.balance import Balance, Rate
 from wovenfab.forms.effect import Effect, OfShearAngle, Term
 from wovenfab.forms.friction import components_of
 from wovenfab.forms.kinematics import displacements, point_of, shear_angle
+from wovenfab.forms.table import ForceTable
 from wovenfab.model.assembly import SHEET, Sum, assemble_scalar, compile_sums
 from wovenfab.model.constraints import Condition, DeadLoads, EdgeLoad, Grip, dead_loads_on
 from wovenfab.model.friction_stress import FrictionStress
 from wovenfab.model.memory import Memory, Variables, finest_rule, point_function
 from wovenfab.model.spaces import Placements, crossed_facets, placements_on
+from wovenfab.model.spline import pieces_of
 from wovenfab.sheet.sheet import Sheet
 
-#: A parameter: a number, a UFL expression such as a fem.Constant or fem.Function, or a function of
-#: the reference position (UFL in and out).
+#: A parameter: a number, a UFL expression such as a fem.Constant or fem.Function, a function of
+#: the reference position (UFL in and out), or a table.
 Value = Any
 #: A further potential (J): a functional in UFL of the displacements of both families (m).
 Potential = Callable[[tuple[Any, Any]], Any]
@@ -352,7 +354,9 @@ def _shear_angle(field: fem.Function, fibres: Any) -> Any:
 
 
 def _symbol(mesh: Any, value: Value, angle: Any) -> Any:
-    """Return a number as a constant of the forms, or a field as its expression."""
+    """Return a number or a table as a constant of the forms, or a field as its expression."""
+    if isinstance(value, ForceTable):
+        return _constant(mesh, pieces_of(value))
     if isinstance(value, ufl.core.expr.Expr):
         return value
     if isinstance(value, OfShearAngle):
