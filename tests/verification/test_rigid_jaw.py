@@ -1,4 +1,4 @@
-"""Shear of KES-FB1 with a dead load, against uniform shear and against a jaw that stays straight."""
+"""KES shear with a dead load, against uniform shear and against a jaw that stays straight."""
 
 from __future__ import annotations
 
