@@ -55,6 +55,7 @@ from wovenfab.case.program import SECOND, Segments, SegmentSection, TableSection
 from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
+    Fabric,
     OutputSection,
     Rectangle,
     Sheet,
@@ -82,7 +83,7 @@ class _Origin:
     """Where a case is from, which says nothing on whether two cases are equal."""
 
     places: Places = dataclass_field(compare=False)
-    path: Path | None = dataclass_field(compare=False)
+    files: tuple[Path, ...] = dataclass_field(default=(), compare=False)
     overrides: tuple[str, ...] = dataclass_field(default=(), compare=False)
 
 
@@ -98,6 +99,9 @@ class Case(Section):
 
     title: str = Field(default="", examples=["Bias extension 1:3"])
     """One line for people."""
+
+    fabric: Fabric | None = None
+    """What the effects describe, and where their values are from."""
 
     sheet: Sheet
     """Shape and fibre directions."""
@@ -144,7 +148,6 @@ class Case(Section):
     output: OutputSection = OutputSection()
     """What is written besides the history."""
 
-    _name: str = PrivateAttr(default="case")
     _origin: _Origin = PrivateAttr()
 
     def __init__(self, /, **data: Any) -> None:
@@ -153,19 +156,24 @@ class Case(Section):
         Raises:
             CaseError: With everything that is wrong, by key.
         """
-        self._read(Document.of(plain(data)), None)
+        self._read(Document.of(plain(data)))
 
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
 
     @property
     def name(self) -> str:
-        """Name of the case file without its suffix."""
-        return self._name
+        """Name of the case file without its suffix; of a test and a fabric those of both."""
+        return "-".join(file.stem for file in self.files) or "case"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The case file, or those of a test and a fabric; none for a case built in Python."""
+        return self._origin.files
 
     @property
     def path(self) -> Path | None:
-        """The case file; None for a case that was built in Python."""
-        return self._origin.path
+        """The case file, that of a test; None for a case that was built in Python."""
+        return next(iter(self.files), None)
 
     @property
     def overrides(self) -> tuple[str, ...]:
@@ -211,7 +219,7 @@ class Case(Section):
         """
         more = tuple(text for one in overrides for text in _listed(one))
         document = reduce(_overridden, more, Document.of(self.data, self._origin.places))
-        return _case(document, self.path, (*self.overrides, *more))
+        return _case(document, self.files, (*self.overrides, *more))
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """Return the same case with other sections, as given: unlike ``changed`` it checks nothing.
@@ -226,7 +234,7 @@ class Case(Section):
             known = {p: at for p, at in origin.places.places.items() if not keys & {*p[:1]}}
             given = (f"{key}={json.dumps(data.get(key))}" for key in sorted(keys))
             places = Places(origin.places.file, known)
-            copy._origin = _Origin(places, origin.path, (*origin.overrides, *given))
+            copy._origin = _Origin(places, origin.files, (*origin.overrides, *given))
         return copy
 
     def remarks(self) -> list[str]:
@@ -289,14 +297,16 @@ class Case(Section):
             f"edges {', '.join(self.boundary)}; program {program}>"
         )
 
-    def _read(self, document: Document, path: Path | None, overrides: tuple[str, ...] = ()) -> None:
+    def _read(
+        self, document: Document, files: tuple[Path, ...] = (), overrides: tuple[str, ...] = ()
+    ) -> None:
         """Take the values of a document, all of them or none."""
-        folder = path.parent if path else Path()
+        folder = files[0].parent if files else Path()
         custom: CustomEffects = {}
-        if files := custom_files(document.data):
+        if named := custom_files(document.data):
             from wovenfab.case.custom_effects import custom_effects
 
-            custom = custom_effects(files, folder)
+            custom = custom_effects(named, folder)
         context = {"folder": folder, "custom": custom}
         try:
             self.__pydantic_validator__.validate_python(
@@ -310,18 +320,20 @@ class Case(Section):
         sections = {name: getattr(self, name) for name in type(self).model_fields}
         if problems := list(_combinations(sections, document)):
             raise CaseError(document.in_order(problems))
-        self._name = path.stem if path else "case"
-        self._origin = _Origin(Places(document.file, document.places), path, overrides)
+        self._origin = _Origin(Places(document.file, document.places), files, overrides)
         self.__dict__.update(_with_defaults(self))
 
 
-def read_case(path: str | Path, overrides: Overrides = ()) -> Case:
-    """Return the case that a file describes.
+def read_case(
+    path: str | Path, overrides: Overrides = (), fabric: str | Path | None = None
+) -> Case:
+    """Return the case that a file describes, or a test and a fabric together.
 
     Args:
         path: A YAML file.
-        overrides: Values that replace those of the file, ``"effects.shear.stiffness=500 N/m"``
+        overrides: Values that replace those of the files, ``"effects.shear.stiffness=500 N/m"``
             each, or a mapping such as ``{"effects.shear.stiffness": "500 N/m"}``.
+        fabric: Another YAML file, whose values replace those of the first one.
 
     Returns:
         The case in SI units, all defaults filled in.
@@ -329,8 +341,9 @@ def read_case(path: str | Path, overrides: Overrides = ()) -> Case:
     Raises:
         CaseError: With everything that is wrong.
     """
-    path, texts = Path(path), tuple(_listed(overrides))
-    return _case(reduce(_overridden, texts, resolved_document(path)), path, texts)
+    files = (Path(path),) if fabric is None else (Path(path), Path(fabric))
+    texts = tuple(_listed(overrides))
+    return _case(reduce(_overridden, texts, resolved_document(*files)), files, texts)
 
 
 def _overridden(document: Document, text: str) -> Document:
@@ -344,7 +357,7 @@ def _overridden(document: Document, text: str) -> Document:
     path = key_path(key)
     if path not in {*paths_in(document.data), *paths_in(changed.data)}:
         try:
-            _case(override(document, f"{key}=clamp"), None)
+            _case(override(document, f"{key}=clamp"))
         except CaseError as error:
             if unknown := [p for p in error.problems if p.message.startswith("unknown")]:
                 raise CaseError(unknown) from None
@@ -365,9 +378,10 @@ def _described(_known: tuple[Effect, ...], custom: tuple[Effect, ...]) -> dict[s
 
 
 _FROM_SCHEMA = {
-    "type": "string",
-    "description": "Case file to start from, relative to this one, which says what differs.",
-    "examples": ["base.yaml"],
+    "anyOf": [{"type": "string"}, {"type": "array", "items": {"type": "string"}, "minItems": 1}],
+    "description": "Case file to start from, relative to this one, which says what differs; of "
+    "several the later ones say what differs from those before.",
+    "examples": ["base.yaml", ["test.yaml", "fabric.yaml"]],
 }
 
 
@@ -379,9 +393,11 @@ class _InOrder(GenerateJsonSchema):
         return value
 
 
-def _case(document: Document, path: Path | None, overrides: tuple[str, ...] = ()) -> Case:
+def _case(
+    document: Document, files: tuple[Path, ...] = (), overrides: tuple[str, ...] = ()
+) -> Case:
     case = Case.__new__(Case)
-    case._read(document, path, overrides)
+    case._read(document, files, overrides)
     return case
 
 

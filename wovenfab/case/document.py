@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import reduce
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -290,43 +291,65 @@ _TYPE, _SHAPE = "type", "shape"
 _ABSENT = "there is nothing here to take out"
 
 
-def resolved_document(path: Path, below: tuple[Path, ...] = ()) -> Document:
+def resolved_document(path: Path, fabric: Path | None = None) -> Document:
     """Return the contents of a case file with all that it takes over from others.
 
     Mappings are merged key by key, everything else is replaced, and null takes a key out.
 
     Args:
         path: The case file.
-        below: Files that start from it, and may not be among those that it starts from.
+        fabric: A file that is laid over it, as the last one of a list after ``from`` would be.
 
     Raises:
         CaseError: A file cannot be read, or what they say does not fit together.
     """
+    case = _resolved(path, ())
+    if fabric is None:
+        return case
+    both = _merged(case, _resolved(fabric, ()))
+    return replace(both, file=case.file, places={**both.places, (): case.places[()]})
+
+
+def _resolved(path: Path, below: tuple[Path, ...]) -> Document:
+    """Return a file over those that it starts from; ``below`` start from it and may not return."""
     document, below = read_document(path), (*below, path.resolve())
     if not isinstance(document.data, dict) or FROM not in document.data:
         return document
-    base = resolved_document(_base_of(document, path, below), below)
+    bases = [_resolved(base, below) for base in _bases_of(document, path, below)]
     upper = {key: value for key, value in document.data.items() if key != FROM}
-    return _merged(base, replace(document, data=upper))
+    return reduce(_merged, (*bases, replace(document, data=upper)))
 
 
-def _base_of(document: Document, path: Path, known: tuple[Path, ...]) -> Path:
-    """Return the file that a document starts from; ``known`` are those that may not return."""
+def _bases_of(document: Document, path: Path, known: tuple[Path, ...]) -> list[Path]:
+    """Return the files that a document starts from; ``known`` are those that may not return."""
     given = document.data[FROM]
+    if not isinstance(given, list):
+        return [_base_of(document, given, (FROM,), path.parent, known)]
+    if not given:
+        what = "the list is empty"
+        raise CaseError([document.problem((FROM,), what, "Name a case file, or several.")])
+    names = enumerate(given)
+    return [_base_of(document, name, (FROM, i), path.parent, known) for i, name in names]
+
+
+def _base_of(
+    document: Document, name: Any, key: KeyPath, folder: Path, known: tuple[Path, ...]
+) -> Path:
+    """Return the file that is named at a key of a document in a folder."""
     try:
-        base = existing_file(given, path.parent, (".yaml", ".yml"))
+        base = existing_file(name, folder, (".yaml", ".yml"))
     except PydanticCustomError as error:
-        raise CaseError([document.problem((FROM,), *reason(error))]) from error
+        raise CaseError([document.problem(key, *reason(error))]) from error
     if base in known:
         loop = " from ".join(file.name for file in (*known[known.index(base) :], base))
-        raise CaseError([document.problem((FROM,), f"this goes round in a circle: {loop}")])
-    return path.parent / str(given)
+        raise CaseError([document.problem(key, f"this goes round in a circle: {loop}")])
+    return folder / str(name)
 
 
 def _merged(base: Document, upper: Document) -> Document:
     """Return ``upper`` laid over ``base``."""
-    if not isinstance(base.data, dict):
-        raise CaseError([base.problem((), "expected keys with values")])
+    if wrong := [part for part in (base, upper) if not isinstance(part.data, dict)]:
+        raise CaseError(part.problem((), "expected keys with values") for part in wrong)
     changes = list(_changes(base.data, upper.data))
     if absent := [c for c in changes if c[1] is None and c[0][-1] not in c[2]]:
         raise CaseError(

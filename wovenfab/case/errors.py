@@ -194,6 +194,8 @@ def _words(item: Mapping[str, Any], path: KeyPath, keys: Mapping[str, Any]) -> t
             return context["message"], context["remedy"]
         case "missing" if isinstance(path[-1], int):
             return f"expected two values, got {path[-1]}", ""
+        case "missing" if path == ("effects",):
+            return "missing", "A test takes them from a fabric, by --fabric or 'from'."
         case "missing":
             return "missing", _for_example(str(path[-1]), keys)
         case "extra_forbidden":

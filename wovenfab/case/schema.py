@@ -44,6 +44,35 @@ STEP = (".step", ".stp")
 GEOMETRIES = (".geo", ".msh", *STEP)
 
 
+def _text(value: str) -> str:
+    if not value.strip():
+        raise value_error("the text is empty", "Say it in a few words.")
+    return value
+
+
+Text = Annotated[str, AfterValidator(_text)]
+
+
+class Fabric(Section):
+    """The fabric that the effects describe, and where their values are from."""
+
+    name: Text = Field(examples=["Plain weave of glass, 743 g/m2"])
+    """What it is, in a line."""
+
+    source: Text = Field(examples=["doi:10.1016/j.compositesa.2008.02.016"])
+    """Where its values were published or fitted: a DOI, or a text."""
+
+    measured: tuple[Text, ...] = Field(
+        default=(), examples=[["shear and friction: bias extension, 115 mm by 230 mm"]]
+    )
+    """Which values follow from which measurements."""
+
+    assumed: tuple[Text, ...] = Field(
+        default=(), examples=[["bending: too small to be measured here"]]
+    )
+    """Which values are assumed, and why."""
+
+
 def _crossing(fibres: tuple[float, float]) -> tuple[float, float]:
     if far := [a for a in fibres if abs(a) > 2 * math.pi + 1e-12]:
         raise value_error(

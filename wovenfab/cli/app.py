@@ -37,6 +37,15 @@ Overrides = Annotated[
         help='Change a value of the case, as in --set effects.shear.stiffness="500 N/m".',
     ),
 ]
+Fabric = Annotated[
+    Path | None,
+    _option(
+        "--fabric",
+        metavar="FILE",
+        help="A fabric (YAML) for a case file that is a test, as in --fabric "
+        "configs/fabrics/glass-plain.yaml.",
+    ),
+]
 Jobs = Annotated[
     int | None, _option("--jobs", "-j", min=1, help="Runs side by side; one a processor.")
 ]
@@ -151,6 +160,7 @@ def _options(
 @app.command()
 def run(
     case: CaseFile,
+    fabric: Fabric = None,
     output: Output = None,
     overrides: Overrides = None,
     overwrite: Annotated[
@@ -179,6 +189,7 @@ def run(
         case,
         output,
         overrides or [],
+        fabric=fabric,
         overwrite=overwrite,
         resume=resume,
         until=until,
@@ -205,12 +216,13 @@ def resume(
     Exit codes as of run.
     """
     case = directory / "case.yaml"
-    run(case, directory, overrides, False, True, until, ranks, verbose, log, petsc)
+    run(case, None, directory, overrides, False, True, until, ranks, verbose, log, petsc)
 
 
 @app.command()
 def check(
     case: CaseFile,
+    fabric: Fabric = None,
     overrides: Overrides = None,
     resolved: Annotated[
         bool,
@@ -223,12 +235,13 @@ def check(
     """Validate a case and say what would be built: effects, unknowns, steps, memory."""
     from wovenfab.cli.check import check_case
 
-    sys.exit(check_case(case, overrides or [], resolved))
+    sys.exit(check_case(case, overrides or [], resolved, fabric))
 
 
 @app.command()
 def sensitivities(
     case: CaseFile,
+    fabric: Fabric = None,
     output: Output = None,
     overrides: Overrides = None,
     by: Annotated[
@@ -246,7 +259,7 @@ def sensitivities(
     """
     from wovenfab.cli.studies import differentiate
 
-    sys.exit(differentiate(case, output, overrides or [], by or []))
+    sys.exit(differentiate(case, output, overrides or [], by or [], fabric))
 
 
 @app.command()
@@ -270,19 +283,25 @@ def fit(
 
 
 @app.command()
-def effects(case: CaseFile, output: Output = None, overrides: Overrides = None) -> None:
+def effects(
+    case: CaseFile,
+    fabric: Fabric = None,
+    output: Output = None,
+    overrides: Overrides = None,
+) -> None:
     """Measure what each effect costs and changes: the case whole, without each, each alone.
 
     Table and chart go into results/<name of the case>-effects.
     """
     from wovenfab.cli.studies import study_effects
 
-    sys.exit(study_effects(case, output, overrides or []))
+    sys.exit(study_effects(case, output, overrides or [], fabric))
 
 
 @app.command()
 def accuracy(
     case: CaseFile,
+    fabric: Fabric = None,
     output: Output = None,
     overrides: Overrides = None,
     levels: Annotated[
@@ -304,12 +323,20 @@ def accuracy(
     """
     from wovenfab.cli.studies import study_accuracy
 
-    sys.exit(study_accuracy(case, output, overrides or [], levels))
+    sys.exit(study_accuracy(case, output, overrides or [], levels, fabric))
 
 
 @app.command()
 def sweep(
     cases: Annotated[list[Path], _argument(help="Case files, or a sweep file (YAML).")],
+    fabrics: Annotated[
+        list[Path] | None,
+        _option(
+            "--fabric",
+            metavar="FILE",
+            help="A fabric (YAML) for case files that are tests; several are compared.",
+        ),
+    ] = None,
     over: Annotated[
         list[str] | None,
         _option(
@@ -333,7 +360,8 @@ def sweep(
     from wovenfab.cli.studies import run_sweep
     from wovenfab.study.cluster import Cluster
 
-    sys.exit(run_sweep(cases, over or [], overrides or [], output, Cluster(cluster, jobs, ranks)))
+    where = Cluster(cluster, jobs, ranks)
+    sys.exit(run_sweep(cases, over or [], overrides or [], output, where, fabrics or []))
 
 
 @app.command()

@@ -11,6 +11,7 @@ from wovenfab.case.document import FROM
 from wovenfab.case.effects import acting_effects
 from wovenfab.case.program import steps_of_case
 from wovenfab.case.quantities import Json
+from wovenfab.case.schema import Fabric
 from wovenfab.cli.console import Console
 from wovenfab.forms import effects
 from wovenfab.forms.effect import Effect, Needs, Parameter
@@ -26,10 +27,12 @@ if TYPE_CHECKING:
 MOST_COUNTED = 1_500
 
 
-def check_case(path: Path, overrides: Sequence[str], resolved: bool = False) -> int:
+def check_case(
+    path: Path, overrides: Sequence[str], resolved: bool = False, fabric: Path | None = None
+) -> int:
     """Validate a case file, say what would be built and return the exit code."""
     console = Console()
-    case = read_case(path, overrides)
+    case = read_case(path, overrides, fabric)
     if resolved:
         console.say(case.to_yaml().rstrip())
         return 0
@@ -100,6 +103,7 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
             brought.setdefault(_brought(needs, effect.needs), []).append(effect.name)
     return [
         f"{case.name}: {case.title}" if case.title else case.name,
+        *_fabric_lines(case.fabric),
         f"effects: {', '.join(present)}",
         f"{PLACEMENTS[needs.placements]}, {facets}, {time}: {count} unknowns, "
         f"{steps_of_case(case)} load steps, about {memory(unknowns) / 1e9:.1f} GB of memory",
@@ -107,6 +111,18 @@ def describe(case: Case, unknowns: int, exact: bool = True) -> list[str]:
         *_time_for_accuracy(case),
         *(f"adding {_listed(names)} would bring {what}" for what, names in brought.items()),
         "the case is valid",
+    ]
+
+
+def _fabric_lines(fabric: Fabric | None) -> list[str]:
+    """Return in words what a fabric is, and where its values are from."""
+    if fabric is None:
+        return []
+    return [
+        f"fabric: {fabric.name}",
+        f"source: {fabric.source}",
+        *(f"measured: {text}" for text in fabric.measured),
+        *(f"assumed: {text}" for text in fabric.assumed),
     ]
 
 

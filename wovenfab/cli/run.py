@@ -85,6 +85,7 @@ def run_case(
     output: Path | None,
     overrides: Sequence[str],
     *,
+    fabric: Path | None = None,
     overwrite: bool = False,
     resume: bool = False,
     until: str | None = None,
@@ -98,9 +99,10 @@ def run_case(
     """
     started, console, watch = time.perf_counter(), Console(), Stopwatch()
     if resume:
-        for program in (*effect_programs(path, overrides), *geometry_programs(path, overrides)):
+        given = path, overrides, fabric
+        for program in (*effect_programs(*given), *geometry_programs(*given)):
             console.say(f"{path} runs {program}")
-    case, end = read_case(path, overrides), _seconds(until)
+    case, end = read_case(path, overrides, fabric), _seconds(until)
     directory = output or Path("results") / case.name
     if log_file is not None:
         require_log(log_file, directory)

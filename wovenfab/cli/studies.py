@@ -30,13 +30,19 @@ from wovenfab.study.variations import Variation, grid, is_sweep_file, read_over,
 RUNS, FINEST = "runs", "finer"
 
 
-def study_accuracy(path: Path, output: Path | None, overrides: Sequence[str], levels: int) -> int:
+def study_accuracy(
+    path: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    levels: int,
+    fabric: Path | None = None,
+) -> int:
     """Make the study of a case, write its table and draw it; return the exit code."""
     console = Console()
     if is_launched():
         console.problem("accuracy measures one process at a time: start it without mpirun")
         return BAD_INPUT
-    case = read_case(path, overrides)
+    case = read_case(path, overrides, fabric)
     from wovenfab.report.study_pictures import draw_accuracy
     from wovenfab.study.accuracy import CASES, Study, doubled, finer, for_accuracies
 
@@ -64,9 +70,11 @@ def study_accuracy(path: Path, output: Path | None, overrides: Sequence[str], le
     return exit_code(runs)
 
 
-def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> int:
+def study_effects(
+    path: Path, output: Path | None, overrides: Sequence[str], fabric: Path | None = None
+) -> int:
     """Measure the scene with all effects, without each and with each alone; collective."""
-    case = read_case(path, overrides)
+    case = read_case(path, overrides, fabric)
     from mpi4py import MPI
 
     from wovenfab.report.study_pictures import draw_costs
@@ -85,10 +93,14 @@ def study_effects(path: Path, output: Path | None, overrides: Sequence[str]) -> 
 
 
 def differentiate(
-    path: Path, output: Path | None, overrides: Sequence[str], by: Sequence[str]
+    path: Path,
+    output: Path | None,
+    overrides: Sequence[str],
+    by: Sequence[str],
+    fabric: Path | None = None,
 ) -> int:
     """Write and draw the derivatives of a run by its parameters; collective."""
-    case = read_case(path, overrides)
+    case = read_case(path, overrides, fabric)
     from mpi4py import MPI
     from pydantic_core import PydanticCustomError
 
@@ -137,11 +149,13 @@ def run_sweep(
     overrides: Sequence[str],
     output: Path | None,
     cluster: Cluster,
+    fabrics: Sequence[Path] = (),
 ) -> int:
     """Run every member of a sweep, draw them together and return the exit code."""
     cases, variations = _varied(paths, over)
-    members = members_of(cases, variations, overrides)
-    directory = output or Path("results") / f"{paths[0].stem}-sweep"
+    members = members_of(cases, variations, overrides, fabrics or (None,))
+    name = "-".join(file.stem for file in (paths[0], *fabrics))
+    directory = output or Path("results") / f"{name}-sweep"
     console = Console()
     configure_log(0, None, console.log, first_rank=True)
     try:

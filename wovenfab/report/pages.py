@@ -206,6 +206,8 @@ def _missing(run: OpenedRun) -> list[str]:
 
 def _sections(run: OpenedRun) -> Iterator[PageSection]:
     source, stored = run.source, run.stored
+    if source.fabric:
+        yield section("Fabric", lambda: [_fabric(source)])
     caption = "Force of the program against its displacement."
     yield section(
         "Force against displacement",
@@ -246,6 +248,15 @@ def _sections(run: OpenedRun) -> Iterator[PageSection]:
         yield section("Fields", lambda: _fields(source, stored))
     yield section("Solver", lambda: _solver(source))
     yield section("Case", lambda: _case(source))
+
+
+def _fabric(source: RunData) -> PageTable:
+    rows = [
+        (key, str(text))
+        for key, given in source.fabric.items()
+        for text in (given if isinstance(given, list) else [given])
+    ]
+    return PageTable("What the effects describe", (), rows, numbers=False)
 
 
 def _cycles(source: RunData) -> Sequence[Block]:

@@ -35,7 +35,8 @@ class RunData:
 
     Attributes:
         directory: Where the results are.
-        title: Title of the case, or the directory's name.
+        title: Title of the case with the name of its fabric, or the directory's name.
+        fabric: What the case says of its fabric, by key; empty if it says nothing.
         fibres: Reference directions, a row a family, shape (2, 2), if the case has them.
         history: Columns of ``history.csv``, with one row at least.
         cycles: Figures of each cycle; empty if the run has no summary.
@@ -44,6 +45,7 @@ class RunData:
 
     directory: Path
     title: str
+    fabric: Mapping[str, Any]
     fibres: NDArray[np.float64] | None
     history: dict[str, NDArray[np.float64]]
     cycles: list[Cycle]
@@ -85,11 +87,13 @@ def open_run_data(directory: str | Path) -> RunData:
         raise damaged(folder / SUMMARY, f"there are {count} cycles for {rows} rows of the history")
     spans = [(cycle["start_s"], cycle["end_s"]) for cycle in summary.get("cycles", ())]
     travel = summary.get("grip_travel_per_program", 1.0)
-    title = one_line(str(case.get("title") or folder.resolve().name))
+    fabric = case["fabric"] if isinstance(case.get("fabric"), Mapping) else {}
+    names = [str(name) for name in (case.get("title"), fabric.get("name")) if name]
+    title = one_line(": ".join(names) or folder.resolve().name)
     if len(title) > LONGEST_TITLE:
         title = f"{title[:LONGEST_TITLE]}…"
     fibres = _fibres(case, folder / CASE)
-    return RunData(folder, title, fibres, history, cycles(history, spans, travel), summary)
+    return RunData(folder, title, fabric, fibres, history, cycles(history, spans, travel), summary)
 
 
 class _Cycle(TypedDict):

@@ -271,7 +271,9 @@ def command_of(case: Case, results: Path, log: Path, known: str, ranks: int, sen
     """
     run_case, variables = ["-m", "wovenfab", "run"], {INPUT: known}
     overrides = [word for text in case.overrides for word in ("--set", text)]
-    arguments = [*run_case, str(case.path), "-o", str(results), *overrides]
+    test, *fabrics = map(str, case.files)
+    fabric = [word for file in fabrics for word in ("--fabric", file)]
+    arguments = [*run_case, test, *fabric, "-o", str(results), *overrides]
     elsewhere = None
     if sent:
         elsewhere = Command(

@@ -58,21 +58,23 @@ def members_of(
     paths: Sequence[Path],
     variations: Sequence[Variation] = (Variation(),),
     overrides: Sequence[str] = (),
+    fabrics: Sequence[Path | None] = (None,),
 ) -> list[Member]:
-    """Return a member for each case file with each of the variations.
+    """Return a member for each case file, with each fabric, with each of the variations.
 
     Args:
         paths: Case files.
         variations: What is varied.
         overrides: Values that replace those of all files.
+        fabrics: Files of fabrics; None for cases that have their own.
 
     Raises:
         CaseError: A case is not valid with some of the values, two members are alike, or the name
             of one is none for a folder.
     """
-    cases = [read_case(path, overrides) for path in paths]
+    cases = [read_case(path, overrides, fabric) for path in paths for fabric in fabrics]
     members = [_member(case, variation) for case in cases for variation in variations]
-    if len({member.case.path for member in members}) > 1:
+    if len({member.case.files for member in members}) > 1:
         members = [
             replace(m, label=": ".join(filter(None, (m.case.name, m.label)))) for m in members
         ]
