@@ -45,10 +45,12 @@ def plain_values(effect: Effect) -> dict[str, Any]:
     tables = (
         {} if effect.table is None else {TABLE: TABLES if effect.table.per_family else TABLES[0]}
     )
-    return tables | {
+    numbers = {
         p.name: (1.3 + i, 0.7 + i) if p.per_family else 1.9 + i
         for i, p in enumerate(effect.parameters)
     }
+    slides = {"strength": 0.03} if effect.lost else {}  # so that some points slide, and some stick
+    return tables | numbers | slides
 
 
 def scene(effect: Effect, mixed: bool = False, values: dict | None = None) -> Model:
