@@ -17,6 +17,7 @@ from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
 from wovenfab.record.history import ESSENTIAL, read_history
+from wovenfab.record.jaws import Jaws
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
@@ -75,7 +76,7 @@ def cycles_of(results: Path) -> None:
     """Write cycles.csv of a made-up run, as a real one does."""
     history = read_history(results)
     spans = [(cycle.start, cycle.end) for cycle in open_run_data(results).cycles]
-    write_cycles(results, history, spans, BiasExtension(0.9, 0.3, 0, 1.0, 0.0))
+    write_cycles(results, history, spans, BiasExtension(Jaws(0.9, 0.3, (0.45, 0.15), (1.0, 0.0))))
 
 
 @pytest.fixture(scope="module")

@@ -55,6 +55,7 @@ from wovenfab.case.schema import (
     Time,
     possible_fields,
 )
+from wovenfab.case.specimen import TestName, other_tests, rectangle_shape, setup_of
 
 Array = NDArray[np.float64]
 Program = tuple[SegmentSection, ...]
@@ -375,6 +376,16 @@ def _place(x: Array, y: Array, i: int) -> str:
     return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"
 
 
+def _figures(
+    figures: Sequence[TestName], sheet: Rectangle | SheetFile, boundary: Boundary, program: Program,
+    output: OutputSection,
+) -> Iterator[Finding]:  # fmt: skip
+    """Yield tests that the case of a rectangle is not; of other sheets a mesh has to tell."""
+    if isinstance(sheet, Rectangle) and boundary.keys() <= EDGES.keys():
+        setup = setup_of(rectangle_shape(sheet), sheet.fibres, boundary, program, output)
+        yield from other_tests(figures, setup)
+
+
 def _petsc(solver: Solver) -> Iterator[Finding]:
     for name, message, remedy in refused(solver.petsc):
         yield ("solver", "petsc", name), message, remedy
@@ -403,6 +414,7 @@ COMBINATIONS: tuple[tuple[Callable[..., Iterator[Finding]], tuple[str, ...]], ..
     (_accuracy, ("accuracy", "discretisation", "time", "from_state")),
     (_tolerance, ("time",)),
     (_petsc, ("solver",)),
+    (_figures, ("figures", "sheet", "boundary", "program", "output")),
 )
 
 
