@@ -319,12 +319,9 @@ def _motion(
         raise OtherTestError(f"'{name}' is not held")
     if any("second_program" in c.follows for c in components if c.held):
         raise OtherTestError(f"'{name}' follows second_program", "A jaw follows program alone.")
-    x, y = ends.T
+    x, y = ends[:, 0], ends[:, 1]
     moved = np.array(
-        [
-            [c.at(x, y, p) if c.held else np.zeros_like(x) for c in components]
-            for p in programs.tolist()
-        ]
+        [[c.at(x, y, p) if c.held else 0 * x for c in components] for p in programs]
     )  # program, component, end
     if np.ptp(moved, axis=2).max() > ROUNDING * np.abs(programs).max():
         raise OtherTestError(f"'{name}' does not move as one piece", "A jaw does not deform.")
