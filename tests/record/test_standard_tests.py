@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -11,8 +11,10 @@ from mpi4py import MPI
 
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import sheet_of
+from wovenfab.case.specimen import TestName
 from wovenfab.interface import read_results, simulate
 from wovenfab.record.figures import read_figures
+from wovenfab.record.results import FILES
 
 ALONE = MPI.COMM_SELF
 TURN = np.radians(30)
@@ -186,6 +188,10 @@ def test_a_case_that_is_another_test_is_refused_at_its_key(
     with pytest.raises(CaseError) as refused:
         Case(**case).changed(changes)
     assert [p.key.partition(".")[0] for p in refused.value.problems] == ["figures"]
+
+
+def test_the_curve_of_every_test_that_a_case_may_name_is_a_known_file() -> None:
+    assert {f"{name}.csv" for name in get_args(TestName)} <= {*FILES}
 
 
 def test_a_geometry_that_is_another_test_is_refused_before_it_runs(tmp_path: Path) -> None:
