@@ -131,6 +131,15 @@ class Run:
         return read_case(path)
 
     @property
+    def figures(self) -> Mapping[str, Mapping[str, float | None]]:
+        """Figures in SI units by the name of the standard test, then by their own name.
+
+        None stands for what the run does not determine. Definitions and laboratory units are in
+        ``figures.json``.
+        """
+        return dict(self.summary.get("figures", {}))
+
+    @property
     def finished(self) -> bool:
         """Whether the program came to its end."""
         return bool(self.summary.get("outcome") == FINISHED)

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -9,10 +10,23 @@ from wovenfab.case import read_case
 from wovenfab.case.specimen import bias_extension_of
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.history import read_history
+from wovenfab.record.jaws import Jaws
 from wovenfab.record.summary import mean_shear_angle, read_cycles, write_cycles
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-SPECIMEN = BiasExtension(0.9, 0.3, 0, 1.0, 0.0)
+LENGTH, WIDTH_OF_IT = 0.9, 0.3
+
+
+def specimen_of(
+    length: float = LENGTH, factor: float = 1.0, offset: float = 0.0, upright: bool = False
+) -> BiasExtension:
+    centre, direction = (length / 2, WIDTH_OF_IT / 2), (1.0, 0.0)
+    turn = slice(None, None, -1) if upright else slice(None)
+    jaws = Jaws(length, WIDTH_OF_IT, centre[turn], direction[turn], factor, offset)
+    return BiasExtension(jaws)
+
+
+SPECIMEN = specimen_of()
 K = 400.0
 UPRIGHT = [
     "sheet.length=0.3",
@@ -32,7 +46,7 @@ def table(results: Path, specimen: BiasExtension | None) -> list[dict[str, str]]
 
 def elongation(angle: np.ndarray) -> np.ndarray:
     """How far the grips part: the central zone's diagonal, from rest (m)."""
-    span = SPECIMEN.length - SPECIMEN.width
+    span = SPECIMEN.jaws.distance - SPECIMEN.jaws.width
     return span * (np.cos(angle / 2) + np.sin(angle / 2) - 1)
 
 
@@ -42,23 +56,23 @@ def test_the_angle_is_that_of_a_rhombus_of_yarns() -> None:
 
 
 def test_beyond_locking_there_is_no_angle() -> None:
-    locked = (np.sqrt(2) - 1) * (SPECIMEN.length - SPECIMEN.width)
+    locked = (np.sqrt(2) - 1) * (SPECIMEN.jaws.distance - SPECIMEN.jaws.width)
     assert np.isfinite(SPECIMEN.shear_angle(locked * 0.999999))
     assert np.isnan(SPECIMEN.shear_angle(locked * 1.000001))
 
 
 def test_the_central_zone_has_the_area_of_the_zone_theory() -> None:
     x, y = (np.arange(0.5, n) / n for n in (900, 300))
-    points = np.stack(np.meshgrid(SPECIMEN.length * x, SPECIMEN.width * y), axis=-1).reshape(-1, 2)
-    h, w = SPECIMEN.length, SPECIMEN.width
+    points = np.stack(np.meshgrid(LENGTH * x, WIDTH_OF_IT * y), axis=-1).reshape(-1, 2)
+    h, w = LENGTH, WIDTH_OF_IT
     assert SPECIMEN.in_centre(points).mean() == pytest.approx((2 * h - 3 * w) / (2 * h), rel=2e-3)
-    turned = BiasExtension(h, w, 1, 1.0, 0.0)
+    turned = specimen_of(upright=True)
     assert (turned.in_centre(points[:, ::-1]) == SPECIMEN.in_centre(points)).all()
 
 
 def test_the_shear_force_is_that_of_a_sheet_whose_energy_is_known() -> None:
     """The energy K/2 tan^2 of both zones gives F, from which F_sh = K tan / cos^3 comes back."""
-    h, w = SPECIMEN.length, SPECIMEN.width
+    h, w = LENGTH, WIDTH_OF_IT
     angle = np.linspace(0, np.radians(60), 1201)
 
     def slope(a: np.ndarray) -> np.ndarray:
@@ -76,12 +90,12 @@ def test_the_shear_force_is_that_of_a_sheet_whose_energy_is_known() -> None:
     [
         ("bias-1x3", [], SPECIMEN),
         ("bias-1x3", ["sheet.fibres=[-45 deg, 45 deg]"], SPECIMEN),
-        ("bias-1x3", ["sheet.fibres=[135 deg, 45 deg]"], SPECIMEN),
+        ("bias-1x3", ["sheet.fibres=[135 deg, 45 deg]"], replace(SPECIMEN, sign=-1.0)),
         ("bias-1x3", ["boundary.left={clamp: rotation}"], SPECIMEN),
-        ("bias-1x3", UPRIGHT, BiasExtension(0.9, 0.3, 1, 1.0, 0.0)),
-        ("bias-1x3", [BOTH], BiasExtension(0.9, 0.3, 0, 2.0, 0.0)),
-        ("bias-1x3", [APART], BiasExtension(0.9, 0.3, 0, 1.0, 0.005)),
-        ("bias-1x3", ["sheet.length=0.6"], BiasExtension(0.6, 0.3, 0, 1.0, 0.0)),
+        ("bias-1x3", UPRIGHT, replace(specimen_of(upright=True), sign=-1.0)),
+        ("bias-1x3", [BOTH], specimen_of(factor=2.0)),
+        ("bias-1x3", [APART], specimen_of(offset=0.005)),
+        ("bias-1x3", ["sheet.length=0.6"], specimen_of(0.6)),
         ("bias-1x3", ["sheet.length=0.59"], None),
         ("bias-1x3", ["sheet.fibres=[30 deg, -45 deg]"], None),
         ("bias-1x3", ["boundary.right={displacement: [program, free]}"], None),
@@ -100,9 +114,9 @@ def test_which_cases_are_bias_extension(
 
 
 def test_a_grip_that_moves_inwards_pulls_with_the_opposite_force() -> None:
-    inwards = BiasExtension(0.9, 0.3, 0, -1.0, 0.0)
-    np.testing.assert_array_equal(inwards.tension(np.array([3.0])), [-3.0])
-    np.testing.assert_array_equal(inwards.elongation(np.array([-0.02])), [0.02])
+    inwards = specimen_of(factor=-1.0)
+    np.testing.assert_array_equal(inwards.jaws.force(np.array([3.0])), [-3.0])
+    np.testing.assert_array_equal(inwards.jaws.travel(np.array([-0.02])), [0.02])
 
 
 def test_the_table_has_the_angles_of_a_net_of_inextensible_yarns(tmp_path: Path) -> None:
@@ -124,7 +138,7 @@ def test_the_table_has_the_angles_of_a_net_of_inextensible_yarns(tmp_path: Path)
 def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     results = make(tmp_path / "run", [0.03], every=30)
     assert mean_shear_angle(results, read_history(results)["time_s"][40], SPECIMEN) is None
-    apart = BiasExtension(0.9, 0.3, 0, 1.0, 0.005)  # the way out does not begin at rest
+    apart = specimen_of(offset=0.005)  # the way out does not begin at rest
     (row,) = table(results, apart)
     assert row["shear_angle_field_rad"] == row["normalised_shear_force_N_per_m"] == ""
     assert float(row["shear_angle_kinematic_rad"]) > 0

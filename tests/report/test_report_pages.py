@@ -16,12 +16,21 @@ from wovenfab.cli.report import report_results
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import FieldFile, triangles
 from wovenfab.record.fields import read_fields
+from wovenfab.record.figures import write_figures
 from wovenfab.record.history import ESSENTIAL, read_history
+from wovenfab.record.jaws import Jaws
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import Provenance
 from wovenfab.record.summary import read_cycles, read_summary, write_cycles, write_summary
 from wovenfab.report.page_blocks import PageTable, PageText, cycle_table, section, write_page
-from wovenfab.report.pages import default_place, flat, labels, write_comparison, write_run_page
+from wovenfab.report.pages import (
+    default_place,
+    flat,
+    labels,
+    values_in_words,
+    write_comparison,
+    write_run_page,
+)
 from wovenfab.report.run_data import open_run_data
 
 
@@ -75,7 +84,7 @@ def cycles_of(results: Path) -> None:
     """Write cycles.csv of a made-up run, as a real one does."""
     history = read_history(results)
     spans = [(cycle.start, cycle.end) for cycle in open_run_data(results).cycles]
-    write_cycles(results, history, spans, BiasExtension(0.9, 0.3, 0, 1.0, 0.0))
+    write_cycles(results, history, spans, BiasExtension(Jaws(0.9, 0.3, (0.45, 0.15), (1.0, 0.0))))
 
 
 @pytest.fixture(scope="module")
@@ -317,3 +326,14 @@ def test_a_summary_out_of_all_range_is_damaged(travel: float, small: Path) -> No
     (small / "summary.json").write_text(json.dumps(summary))
     with pytest.raises(UnreadableResultsError, match="grip_travel_per_program"):
         open_run_data(small)
+
+
+def test_a_page_has_the_figures_of_a_standard_test_in_both_units(tmp_path: Path) -> None:
+    results = make(tmp_path / "run", [0.03], every=40)
+    test = BiasExtension(Jaws(0.9, 0.3, (0.45, 0.15), (1.0, 0.0)))
+    history = read_history(results)
+    write_figures(results, [test], history)
+    reader = require_self_contained(write_run_page(results).read_text())
+    for figure in test.figures(history).values():
+        assert figure.definition in reader.texts
+        assert {*values_in_words(figure)} <= {*reader.texts}

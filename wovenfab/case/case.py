@@ -52,7 +52,7 @@ from wovenfab.case.effects import (
 )
 from wovenfab.case.errors import CaseError, CaseProblem, KeyPath, key_path, problems_in
 from wovenfab.case.program import SECOND, Segments, SegmentSection, TableSection, planned_steps
-from wovenfab.case.quantities import Quantity, Section, outside, plain, unusual
+from wovenfab.case.quantities import OneOr, Quantity, Section, outside, plain, unusual
 from wovenfab.case.schema import (
     Discretisation,
     Fabric,
@@ -63,6 +63,7 @@ from wovenfab.case.schema import (
     Time,
     possible_fields,
 )
+from wovenfab.case.specimen import TestName
 from wovenfab.forms.effect import Effect, Needs
 
 #: Values that replace those of a case: "key=value" each, or values by dotted key.
@@ -147,6 +148,9 @@ class Case(Section):
 
     output: OutputSection = OutputSection()
     """What is written besides the history."""
+
+    figures: Annotated[tuple[TestName, ...], OneOr()] = Field(default=(), examples=["kes-shear"])
+    """The standard tests that this is, whose figures are written."""
 
     _origin: _Origin = PrivateAttr()
 

@@ -56,6 +56,7 @@ from wovenfab.case.schema import (
     Time,
     possible_fields,
 )
+from wovenfab.case.specimen import TestName, other_tests, rectangle_shape, setup_of
 from wovenfab.forms.table import TABLE
 
 Array = NDArray[np.float64]
@@ -416,6 +417,16 @@ def _place(x: Array, y: Array, i: int) -> str:
     return f"x = {x[i]:.4g} m, y = {y[i]:.4g} m"
 
 
+def _figures(
+    figures: Sequence[TestName], sheet: Rectangle | SheetFile, boundary: Boundary, program: Program,
+    output: OutputSection,
+) -> Iterator[Finding]:  # fmt: skip
+    """Yield tests that the case of a rectangle is not; of other sheets a mesh has to tell."""
+    if isinstance(sheet, Rectangle) and boundary.keys() <= EDGES.keys():
+        setup = setup_of(rectangle_shape(sheet), sheet.fibres, boundary, program, output)
+        yield from other_tests(figures, setup)
+
+
 def _petsc(solver: Solver) -> Iterator[Finding]:
     for name, message, remedy in refused(solver.petsc):
         yield ("solver", "petsc", name), message, remedy
@@ -446,6 +457,7 @@ COMBINATIONS: tuple[tuple[Callable[..., Iterator[Finding]], tuple[str, ...]], ..
     (_tolerance, ("time",)),
     (_end_of_step, ("time", "scene")),
     (_petsc, ("solver",)),
+    (_figures, ("figures", "sheet", "boundary", "program", "output")),
 )
 
 

@@ -32,7 +32,14 @@ from wovenfab.case.formula import SHEAR_ANGLE, VARIABLES, coefficients, with_cha
 from wovenfab.case.limits import require_memory, require_possible
 from wovenfab.case.program import program_of_case
 from wovenfab.case.resume import identity_of, state_of
-from wovenfab.case.specimen import bias_extension_of
+from wovenfab.case.specimen import (
+    Setup,
+    bias_extension_of,
+    mesh_shape,
+    other_tests,
+    setup_of,
+    standard_test,
+)
 from wovenfab.forms.effect import OfShearAngle, Target, Term
 from wovenfab.forms.table import TABLE
 from wovenfab.model.constraints import Condition, EdgeLoad, Grip, Held
@@ -159,6 +166,8 @@ def sheet_of(case: Case, comm: MPI.Comm) -> Sheet:
     with geometry_problems(case):
         sheet = _aligned(case, comm) if follows_fibres(case) else _as_given(case, comm)
     require_edges(case, sheet.edges)
+    if case.figures and (others := list(other_tests(case.figures, _setup_of(case, sheet)))):
+        raise CaseError([case.problem(dotted(path), *rest) for path, *rest in others])
     faults = [(f"output.probes.{n}", what) for n, what in misplaced(sheet, probes_of(case))]
     if faults:
         x, y = (f"{a:g} to {b:g} m" for a, b in extent(sheet))
@@ -370,8 +379,14 @@ def probes_of(case: Case) -> dict[str, Probe]:
     return {name: probe.probe for name, probe in case.output.probes.items()}
 
 
-def output_of(case: Case) -> Output:
-    """Return what a case writes."""
+def _setup_of(case: Case, sheet: Sheet) -> Setup:
+    """Return what makes a case one test or another; collective."""
+    shape = mesh_shape(sheet, tuple(case.boundary))
+    return setup_of(shape, case.sheet.fibres, case.boundary, case.program, case.output)
+
+
+def output_of(case: Case, sheet: Sheet) -> Output:
+    """Return what a case writes; collective."""
     o = case.output
     return Output(
         fields=o.fields,
@@ -381,6 +396,7 @@ def output_of(case: Case) -> Output:
         texts={"case.yaml": case.to_yaml()},
         identity=identity_of(case),
         specimen=bias_extension_of(case),
+        tests=tuple(standard_test(name, _setup_of(case, sheet)) for name in case.figures),
     )
 
 
@@ -425,7 +441,7 @@ def simulation_of(
             smallest_step=case.time.smallest_step,
             tolerance=case.time.tolerance,
             extrapolate=case.solver.predictor == "quadratic",
-            output=output_of(case),
+            output=output_of(case, sheet),
             solver=solver,
             step_size=step_size,
         )

@@ -30,7 +30,10 @@ from wovenfab.simulation.checkpoint import (
 )
 
 #: Sections of a case that a run may change when it goes on.
-FREE = {"title", "fabric", "program", "second_program", "accuracy", "time", "solver", "output"}
+FREE = {
+    *("title", "fabric", "program", "second_program", "accuracy"),
+    *("time", "solver", "output", "figures"),
+}
 
 
 def require_same(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:

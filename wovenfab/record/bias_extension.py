@@ -2,18 +2,23 @@
 
 A laboratory evaluates that of a bias-extension test with yarns taken as inextensible and pinned
 where they cross. The sheet then has zones of equal shear: none at the grips, gamma in the centre,
-where both families end at free edges, and gamma/2 between them. Source: J. Cao and others,
-Characterization of mechanical behavior of woven fabrics: experimental methods and benchmark
-results, Composites Part A 39 (2008).
+where both families end at free edges, and gamma/2 between them. Source: as of
+:mod:`wovenfab.record.shear_curve`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import pi, sqrt
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from wovenfab.record.figures import Columns, Figure
+from wovenfab.record.jaws import Jaws
+from wovenfab.record.loop import Loop, work_per_area
+from wovenfab.record.shear_curve import measured_angle, shear_curve, shear_figures
 
 Values = NDArray[np.float64]
 
@@ -23,25 +28,15 @@ class BiasExtension:
     """A rectangle with yarns at 45 degrees to its long side, held at its short edges.
 
     Attributes:
-        length, width: Its sides (m); the length is twice the width at least.
-        axis: 0 if the long side is along x, 1 if along y.
-        factor: Elongation per displacement of the program.
-        offset: Elongation (m) at zero displacement.
+        jaws: How it is held; their distance is twice the width at least.
+        zone: The probe that measures the shear angle within the central zone, if there is one.
+        sign: 1 where the angle of the families grows with the elongation, else -1.
     """
 
-    length: float
-    width: float
-    axis: int
-    factor: float
-    offset: float
-
-    def elongation(self, displacement: Values) -> Values:
-        """Return the increase of the distance of the grips (m) for displacements (m)."""
-        return self.factor * displacement + self.offset
-
-    def tension(self, force: Values) -> Values:
-        """Return the tension between the grips (N) for forces conjugate to the program (N)."""
-        return np.asarray(force / self.factor)
+    jaws: Jaws
+    zone: str | None = None
+    sign: float = 1.0
+    name: ClassVar[str] = "bias-extension"
 
     def shear_angle(self, elongation: Values) -> Values:
         """Return gamma = 90 deg - 2 acos((L0 + d) / (sqrt(2) L0)) in the central zone (rad).
@@ -52,13 +47,13 @@ class BiasExtension:
         Returns:
             The same shape; NaN beyond the elongation at which the yarns lie side by side.
         """
-        span = self.length - self.width
+        span = self.jaws.distance - self.jaws.width
         cosine = (span + np.asarray(elongation)) / (sqrt(2) * span)
         angle: Values = pi / 2 - 2 * np.arccos(np.where(np.abs(cosine) <= 1, cosine, np.nan))
         return angle
 
     def shear_force(self, angle: Values, tension: Values) -> Values:
-        """Return the normalised shear force F_sh (N/m) for loading from zero.
+        """Return the normalised shear force F_sh (N/m) on a way from zero, or back to it.
 
         The work of the grips is that of a shear force per length in both zones (Cao and
         others, 2008), with H the length, W the width and F the tension:
@@ -75,15 +70,43 @@ class BiasExtension:
         """
         half = angle / 2
         interpolation = np.array([np.interp(half, angle, unit) for unit in np.eye(len(angle))]).T
-        h, w = self.length, self.width
+        h, w = self.jaws.distance, self.jaws.width
         right = (h / w - 1) * tension * (np.cos(half) - np.sin(half))
         matrix = np.diag((2 * h - 3 * w) * np.cos(angle))
         force: Values = np.linalg.solve(matrix + w * np.cos(half)[:, None] * interpolation, right)
         return force
 
+    def loop(self, history: Columns) -> Loop:
+        """Return normalised shear force against shear angle.
+
+        The force is NaN on a branch that neither begins nor ends at zero: the zones beside the
+        centre have half the angle, and what the force was there is then not known.
+        """
+        angle = self.shear_angle(self.jaws.travel(history["displacement_m"]))
+        tension = self.jaws.force(history["force_N"])
+        work = work_per_area(history, self.jaws.area)
+        force, branches = np.full_like(angle, np.nan), Loop(angle, tension, work).branches
+        for branch in branches:
+            ends = np.abs(branch.strain[[0, -1]])
+            if ends.min() > branch.slack or branch.strain.min() < -branch.slack:
+                continue
+            # friction turns within the first step of a branch, unless it begins at rest
+            steps = np.arange(len(angle))[branch.steps][0 if branch is branches[0] else 1 :]
+            order = steps[:: int(branch.direction)]
+            force[order] = self.shear_force(angle[order], tension[order])
+        return Loop(angle, force, work)
+
+    def figures(self, history: Columns) -> dict[str, Figure]:
+        """Return the figures of its curve; see ``StandardTest``."""
+        measured = measured_angle(self.zone, self.sign, history)
+        return shear_figures(self.loop(history), measured)
+
+    def curve(self, history: Columns) -> dict[str, Values]:
+        """Return the curve by columns; see ``StandardTest``."""
+        return shear_curve(self.loop(history), measured_angle(self.zone, self.sign, history))
+
     def in_centre(self, points: Values) -> NDArray[np.bool_]:
         """Return which reference points (m), shape (n, 2), are in the central zone, shape (n,)."""
-        along, across = points[:, self.axis], points[:, 1 - self.axis]
-        distance = np.minimum(along, self.length - along)
-        free: NDArray[np.bool_] = distance > self.width / 2 + np.abs(across - self.width / 2)
+        along, across = map(np.abs, self.jaws.position(points))
+        free: NDArray[np.bool_] = self.jaws.distance / 2 - along > self.jaws.width / 2 + across
         return free

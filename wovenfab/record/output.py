@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from wovenfab.record.bias_extension import BiasExtension
+from wovenfab.record.figures import StandardTest
 from wovenfab.sheet.probes import Gauge, Line, Probe, Yarn
 
 #: Groups of fields, in the order in which they are stored.
@@ -27,6 +28,7 @@ class Output:
         texts: Contents of further files by name, such as ``case.yaml``; written at the start.
         identity: Plain values that checkpoints keep, by which a run is recognised.
         specimen: What cycles are evaluated as, besides force and energy.
+        tests: The standard tests whose figures are written.
     """
 
     fields: tuple[str, ...] = FIELDS
@@ -36,6 +38,7 @@ class Output:
     texts: Mapping[str, str] = field(default_factory=dict)
     identity: Mapping[str, Any] = field(default_factory=dict)
     specimen: BiasExtension | None = None
+    tests: tuple[StandardTest, ...] = ()
 
     @property
     def lines(self) -> dict[str, Line | Yarn]:

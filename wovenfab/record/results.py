@@ -49,10 +49,14 @@ SERIES = ("fields", "mode", "error", "yarns")
 FOLDERS = {**dict.fromkeys(SERIES, "*.h5"), "export": "step-*.*"}
 #: Fields along the lines of a case.
 LINES = "lines.csv"
+#: Figures of standard tests, as an object and as a table; the tests, each with a curve.
+FIGURES, FIGURES_TABLE = "figures.json", "figures.csv"
+TESTS = ("kes-shear", "kes-tension", "picture-frame", "bias-extension")
 #: Every file that wovenfab writes into a results directory, and may replace.
 FILES = (
     *("case.yaml", "summary.json", FINGERPRINT),
     *("history.csv", "reactions.csv", "cycles.csv", LINES, "error.csv"),
+    *(FIGURES, FIGURES_TABLE, *(f"{test}.csv" for test in TESTS)),
     *(f"{name}.{kind}" for name in SERIES for kind in ("h5", "xdmf")),
     *("loop.png", "loop.svg", "deformed.png", "mode.png", "error.png", "animation.gif"),
     *("report.html", "open_in_paraview.py", CHECKPOINT, f"{CHECKPOINT}.new", EARLIER_CHECKPOINT),

@@ -17,6 +17,7 @@ from wovenfab.parallel import on_root, world
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.field_file import DATA
 from wovenfab.record.fields import read_fields
+from wovenfab.record.figures import Columns, StandardTest, figures_of
 from wovenfab.record.history import index_of_peak, peak_force
 from wovenfab.record.reading import damaged, read_object, text_of
 from wovenfab.record.results import this_process, write_csv, write_whole
@@ -27,9 +28,7 @@ if TYPE_CHECKING:
 
 SUMMARY = "summary.json"
 CYCLES = "cycles.csv"
-#: Columns of ``history.csv``.
-Columns = Mapping[str, NDArray[np.float64]]
-Figure = float | bool | None
+CycleValue = float | bool | None
 
 
 @dataclass(frozen=True)
@@ -68,7 +67,7 @@ class Cycle:
         stores = self.complete and self.stored_at_peak > 0
         return self.loop_area / self.stored_at_peak if stores else None
 
-    def as_dict(self) -> dict[str, Figure]:
+    def as_dict(self) -> dict[str, CycleValue]:
         """Return the figures by name with unit, as in ``summary.json``."""
         return {
             "start_s": self.start,
@@ -136,9 +135,9 @@ def write_cycles(
 
     A bias-extension test has its ``specimen``, which adds columns; see :func:`cycles`.
     """
-    rows: list[dict[str, Figure]] = []
+    rows: list[dict[str, CycleValue]] = []
     for number, cycle in enumerate(cycles(history, spans, travel), 1):
-        row: dict[str, Figure] = {"cycle": number, **cycle.as_dict()}
+        row: dict[str, CycleValue] = {"cycle": number, **cycle.as_dict()}
         rows.append(row | (_shear(cycle, history, specimen, directory) if specimen else {}))
     if rows:
         texts = [{name: _cell(value) for name, value in row.items()} for row in rows]
@@ -189,6 +188,7 @@ def summarise(
     ranks: int,
     losses: Sequence[Mapping[str, float]] = (),
     parts: Sequence[Mapping[str, Any]] = (),
+    tests: Sequence[StandardTest] = (),
 ) -> dict[str, Any]:
     """Return the summary of a run, finished or not.
 
@@ -203,6 +203,7 @@ def summarise(
         ranks: Number of MPI ranks.
         losses: Figures of each loss of stability.
         parts: What was done from the start and from each checkpoint on, in order.
+        tests: The standard tests that the run is.
     """
     rows, force = len(history["step"]), history["force_N"]
     iterations = history["newton_iterations"][1:]  # the first row is the initial state
@@ -218,6 +219,10 @@ def summarise(
         "dissipated_J": float(history["dissipated_J"][-1]) if rows else None,
         "work_J": float(history["work_J"][-1]) if rows else None,
         "worst_imbalance_J": float(np.abs(history["imbalance_J"]).max()) if rows else None,
+        "figures": {
+            test: {name: figure.value for name, figure in of.items()}
+            for test, of in figures_of(tests, history).items()
+        },
         "grip_travel_per_program": travel,
         "cycles": [cycle.as_dict() for cycle in cycles(history, spans, travel)],
         "unknowns": unknowns,
@@ -294,7 +299,8 @@ def _cycle(history: Columns, start: float, end: float, complete: bool, travel: f
 def mean_shear_angle(directory: str | Path, time: float, specimen: BiasExtension) -> float | None:
     """Return the mean of the field ``shear_angle`` (rad) over the central zone at a time (s).
 
-    It is None if the run did not store that field at that time.
+    It is positive as the kinematic angle is, in whatever order the families stand. It is None if
+    the run did not store that field at that time.
     """
     if not (Path(directory) / DATA).exists():
         return None
@@ -308,21 +314,21 @@ def mean_shear_angle(directory: str | Path, time: float, specimen: BiasExtension
     (ax, ay), (bx, by) = (corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T
     area = np.abs(ax * by - ay * bx) * specimen.in_centre(corners.mean(axis=1))
     angle = fields.field("shear_angle", index)[fields.triangles()].mean(axis=1)
-    return float(area @ angle / area.sum()) if area.any() else None
+    return specimen.sign * float(area @ angle / area.sum()) if area.any() else None
 
 
 def _shear(
     cycle: Cycle, history: Columns, specimen: BiasExtension, directory: str | Path
-) -> dict[str, Figure]:
+) -> dict[str, CycleValue]:
     """Return shear angles (rad) and normalised shear force (N/m) at the reversal of a cycle.
 
     Unknown figures are None: the angle in the field if none was stored at that time, the
     force if the way to the reversal does not begin at rest or turns in between.
     """
     way = window(history, cycle.start, cycle.peak_time)
-    angle = specimen.shear_angle(specimen.elongation(way["displacement_m"]))
+    angle = specimen.shear_angle(specimen.jaws.travel(way["displacement_m"]))
     ascending = abs(angle[0]) < 1e-9 and bool((np.diff(angle) > 0).all())
-    tension = specimen.tension(way["force_N"])
+    tension = specimen.jaws.force(way["force_N"])
     force = float(specimen.shear_force(angle, tension)[-1]) if ascending else None
     return {
         "shear_angle_kinematic_rad": None if np.isnan(angle[-1]) else float(angle[-1]),
@@ -331,7 +337,7 @@ def _shear(
     }
 
 
-def _cell(value: Figure) -> str:
+def _cell(value: CycleValue) -> str:
     if value is None:
         return ""
     plain = value.item() if isinstance(value, np.generic) else value  # no np.float64(1.0)

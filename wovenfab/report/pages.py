@@ -13,6 +13,7 @@ import numpy as np
 from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import DATA, MODE
 from wovenfab.record.fields import StoredFields
+from wovenfab.record.figures import Figure
 from wovenfab.record.history import index_of_peak
 from wovenfab.record.reading import UnreadableResultsError
 from wovenfab.record.results import FINISHED, this_process
@@ -213,6 +214,8 @@ def _sections(run: OpenedRun) -> Iterator[PageSection]:
         "Force against displacement",
         lambda: [picture(curves.loop(source), caption, in_words(source))],
     )
+    if source.figures:
+        yield section("Figures of the test", lambda: _figures(source))
     if source.cycles:
         yield section("Cycles", lambda: _cycles(source))
     yield section(
@@ -257,6 +260,32 @@ def _fabric(source: RunData) -> PageTable:
         for text in (given if isinstance(given, list) else [given])
     ]
     return PageTable("What the effects describe", (), rows, numbers=False)
+
+
+def _figures(source: RunData) -> Sequence[Block]:
+    head = ("figure", "laboratory units", "SI units", "definition")
+    return [
+        PageTable(
+            test,
+            head,
+            [[name, *values_in_words(figure), figure.definition] for name, figure in of.items()],
+            numbers=False,
+        )
+        for test, of in source.figures.items()
+    ]
+
+
+def values_in_words(figure: Figure) -> tuple[str, str]:
+    """Return the value of a figure in the units of a laboratory and in SI units, as texts."""
+    units = (
+        (figure.laboratory_value, figure.laboratory_unit),
+        (figure.value, figure.unit if figure.laboratory_unit != "%" else ""),
+    )
+    laboratory, si = (
+        NONE if value is None else f"{value:.4g} {unit}".removesuffix(" 1").rstrip()
+        for value, unit in units
+    )
+    return laboratory, si
 
 
 def _cycles(source: RunData) -> Sequence[Block]:

@@ -17,6 +17,7 @@ from wovenfab.case.recorded import read_yaml
 from wovenfab.plain_text import one_line
 from wovenfab.record.field_file import FIELDS
 from wovenfab.record.fields import StoredFields, read_fields
+from wovenfab.record.figures import Figure, read_figures
 from wovenfab.record.history import read_history
 from wovenfab.record.reading import damaged
 from wovenfab.record.results import Provenance, of_summary, this_process
@@ -41,6 +42,7 @@ class RunData:
         history: Columns of ``history.csv``, with one row at least.
         cycles: Figures of each cycle; empty if the run has no summary.
         summary: ``summary.json``; empty if the run has none.
+        figures: Of each standard test by its name; empty if the case is none.
     """
 
     directory: Path
@@ -50,6 +52,7 @@ class RunData:
     history: dict[str, NDArray[np.float64]]
     cycles: list[Cycle]
     summary: dict[str, Any]
+    figures: dict[str, dict[str, Figure]]
 
     def reached(self, stored: StoredFields) -> NDArray[np.float64]:
         """Return the displacement of the program (m) at each stored time."""
@@ -93,7 +96,8 @@ def open_run_data(directory: str | Path) -> RunData:
     if len(title) > LONGEST_TITLE:
         title = f"{title[:LONGEST_TITLE]}…"
     fibres = _fibres(case, folder / CASE)
-    return RunData(folder, title, fabric, fibres, history, cycles(history, spans, travel), summary)
+    parts = cycles(history, spans, travel), summary, read_figures(folder)
+    return RunData(folder, title, fabric, fibres, history, *parts)
 
 
 class _Cycle(TypedDict):

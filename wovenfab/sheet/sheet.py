@@ -24,6 +24,7 @@ from dolfinx.mesh import (
     compute_midpoints,
     create_mesh,
     create_rectangle,
+    entities_to_geometry,
     exterior_facet_indices,
     meshtags,
 )
@@ -252,6 +253,25 @@ class Sheet:
         """Return the local facets on the named edge."""
         facets: NDArray[np.int32] = self.facets.find(self.edges[name])
         return facets
+
+    def edge_points(self, name: str) -> Array:
+        """Return the vertices on the named edge, shape (n, 2), m; collective.
+
+        Each is there at least once, in no order.
+        """
+        self.mesh.topology.create_connectivity(1, 2)
+        corners = entities_to_geometry(self.mesh, 1, self.edge_facets(name))
+        own = self.mesh.geometry.x[corners.ravel(), :2]
+        return np.concatenate(self.mesh.comm.allgather(own))
+
+    def area(self) -> float:
+        """Return the area at rest, m^2; collective."""
+        own = corners_of(self.mesh)[: self.mesh.topology.index_map(2).size_local]
+        one, two = (
+            self.mesh.geometry.x[own[:, i]] - self.mesh.geometry.x[own[:, 0]] for i in (1, 2)
+        )
+        twice = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]).sum()
+        return float(self.mesh.comm.allreduce(twice) / 2)
 
 
 def quadrature_points(mesh: Mesh, degree: int) -> Array:

@@ -18,6 +18,7 @@ from wovenfab.model.probes import Probes
 from wovenfab.parallel import compute_on_root, on_root
 from wovenfab.record.field_file import FIELDS, MODE, Checkpoint, kept_times
 from wovenfab.record.fields import FieldSeries, write_lines
+from wovenfab.record.figures import write_figures
 from wovenfab.record.history import (
     HISTORY,
     HistoryRows,
@@ -180,11 +181,13 @@ def run(
         ranks=comm.size,
         losses=modes.figures,
         parts=all_parts,
+        tests=simulation.output.tests,
     )
     if directory is not None:
         write_summary(directory, summary, comm)
         specimen = simulation.output.specimen
         on_root(comm, lambda: write_cycles(directory, columns, program.cycles, specimen, travel))
+        on_root(comm, lambda: write_figures(directory, simulation.output.tests, columns))
         if lines := simulation.output.lines:
             on_root(comm, lambda: write_lines(directory, lines, model.sheet.fibres))
     return outcome, columns, summary

@@ -216,7 +216,7 @@ def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
     angle, sample = np.nan, bias_extension_of(test.case)
     if sample is not None and u.size:
         end = float(u[-1]) if part_at is None else part_at
-        angle = float(sample.shear_angle(sample.elongation(np.array(end))))
+        angle = float(sample.shear_angle(sample.jaws.travel(np.array(end))))
     return Fidelity(
         comparison.misfit, noise / peak, runs, expected, probability,
         part_at, float(angle) if np.isfinite(angle) else None,
