@@ -33,7 +33,7 @@ def report_results(
         return BAD_INPUT
     if lab is None and layout != EMPTY:
         console.problem(
-            "--columns, --units, --rows and --decimal are of the file of --lab: name it"
+            "--columns, --units, --rows, --decimal and --sheet are of the file of --lab: name it"
         )
         return BAD_INPUT
     if animation and len(directories) > 1:
@@ -159,7 +159,9 @@ def export_results(
     if _lacks_results(console, [directory]):
         return BAD_INPUT
     if cloud is None and layout != EMPTY:
-        console.problem("--columns, --units, --rows and --decimal are of the file of --compare")
+        console.problem(
+            "--columns, --units, --rows, --decimal and --sheet are of the file of --compare"
+        )
         return BAD_INPUT
     try:
         source, stored = open_run_data(directory), stored_of(directory)

@@ -16,7 +16,8 @@ from wovenfab.case.errors import case_error, describe
 from wovenfab.measured.layout import EMPTY, Layout
 from wovenfab.measured.names import SI, MeasuredUnit, means, means_strain, name_of, units_in
 from wovenfab.measured.numbers import NAMES
-from wovenfab.measured.table import SEPARATORS, MeasuredTable, read_table, short
+from wovenfab.measured.table import MeasuredTable, read_table, short
+from wovenfab.measured.text import SEPARATORS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
@@ -210,9 +211,10 @@ def in_words(measured: Measured) -> list[str]:
     table = reading.table
     groups = f", thousands separated by {table.thousands!r}" if table.thousands else ""
     header = "no names of columns" if table.header is None else f"names in line {table.header}"
+    between = f" separated by {SEPARATORS[table.separator]}" if table.separator else ""
     lines = [
-        f"text: {table.encoding}, {table.width} columns separated by "
-        f"{SEPARATORS[table.separator]}, decimal {NAMES[table.decimal]}{groups}, {header}",
+        f"{table.origin}, {table.width} columns{between}, decimal {NAMES[table.decimal]}{groups}, "
+        f"{header}",
         *(f"{quantity}: {column}" for quantity, column in reading.columns.items()),
         f"rows: {reading.rows}",
     ]

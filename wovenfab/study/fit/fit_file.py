@@ -28,6 +28,7 @@ from wovenfab.case.quantities import Length, Section, Several
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
+from wovenfab.measured.workbook import SUFFIXES
 
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
 #: displacement and force of the machine where the sample has none.
@@ -113,7 +114,7 @@ class Test(Section):
     set: Mapping[str, Any] = Field(default={}, examples=[{"sheet.length": "230 mm"}])
     """Values that replace those of the case, by dotted key."""
 
-    measured: _text_file(".csv", ".tsv", ".txt", ".dat") = Field(  # type: ignore[valid-type]
+    measured: _text_file(".csv", ".tsv", ".txt", ".dat", *SUFFIXES) = Field(  # type: ignore[valid-type]
         examples=["sample.csv"]
     )
     """The measured file."""
@@ -129,6 +130,9 @@ class Test(Section):
 
     decimal: Literal["", ".", ","] = Field(default="", examples=[","])
     """Its decimal sign, where the numbers do not tell."""
+
+    sheet: str = Field(default="", examples=["Specimen 1"])
+    """Its sheet, if it is a workbook; that with the most rows of numbers unless given."""
 
     error: Annotated[
         tuple[float, bool],
@@ -296,7 +300,9 @@ def read_fit(path: Path) -> Fit:
 def _test(test: Test) -> MeasuredTest:
     case = read_case(test.case, dict(test.set))
     columns, units = (s.model_dump(exclude_none=True) for s in (test.columns, test.units))
-    measured = read_measured(test.measured, Layout(columns, units, test.rows, test.decimal))
+    measured = read_measured(
+        test.measured, Layout(columns, units, test.rows, test.decimal, test.sheet)
+    )
     number, share = test.error
     error = number * float(abs(measured.force).max()) if share else number
     return MeasuredTest(case, measured, error, test.weight, test.toe)
