@@ -118,7 +118,7 @@ def is_sound(found: Measured) -> None:
     assert np.isfinite([found.displacement, found.force]).all() and np.ptp(found.displacement) > 0
     rows = np.concatenate([rows[1:] for rows in found.branches()])
     assert np.array_equal(rows, np.arange(1, found.force.size))
-    assert "\x1b" not in "\n".join(in_words(found))
+    assert "\x1b" not in "\n".join(in_words(found.reading))
 
 
 def workbook(folder: Path, generator: random.Random) -> None:

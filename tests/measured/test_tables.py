@@ -108,7 +108,7 @@ def test_the_table_is_read_whatever_else_is_in_the_file(name: str, tmp_path: Pat
     is_the_curve(curve)
     assert curve.reading is not None
     assert len(curve.reading.skipped) == skipped
-    words = "\n".join(in_words(curve))
+    words = "\n".join(in_words(curve.reading))
     assert f"{N} rows" in words and f"largest force: {F[-1]:.5g} N" in words
 
 

@@ -115,7 +115,7 @@ def test_numbers_of_a_workbook_are_read_exactly(name: str, tmp_path: Path) -> No
     assert np.array_equal(found.displacement, 1e-3 * U)
     assert np.array_equal(found.force, F)
     assert found.reading is not None and len(found.reading.skipped) == skipped
-    words = "\n".join(in_words(found))
+    words = "\n".join(in_words(found.reading))
     assert f"sheet {more.get('sheet', 'Data')!r}".casefold() in words.casefold()
     assert f"{N} rows" in words and f"largest force: {F[-1]:.5g} N" in words
 

@@ -8,9 +8,31 @@ from wovenfab.case.boundary import Boundary, Component
 from wovenfab.case.case import Case
 from wovenfab.case.schema import Rectangle
 from wovenfab.record.bias_extension import BiasExtension
+from wovenfab.record.picture_frame import PictureFrame
 
 #: Edges across x and across y, first the one at the lower coordinate.
 _EDGES = (("left", "right"), ("bottom", "top"))
+
+
+#: A test whose shear angle follows from its displacement.
+ShearTest = BiasExtension | PictureFrame
+
+
+def shear_test_of(case: Case) -> ShearTest | None:
+    """Return the specimen if the case is a bias extension or a picture frame, else None."""
+    return bias_extension_of(case) or picture_frame_of(case)
+
+
+def picture_frame_of(case: Case) -> PictureFrame | None:
+    """Return the test if the case is one: a rectangle whose four edges one frame holds."""
+    sheet = case.sheet
+    frames = [c.frame for conditions in case.boundary.values() for c in conditions]
+    if not isinstance(sheet, Rectangle) or set(case.boundary) != {e for p in _EDGES for e in p}:
+        return None
+    frame = frames[0]
+    if frame is None or any(other != frame for other in frames):
+        return None
+    return PictureFrame(frame.length, sheet.length * sheet.width)
 
 
 def bias_extension_of(case: Case) -> BiasExtension | None:

@@ -122,10 +122,9 @@ def _measured(
 
 def show_measured(path: Path, layout: Layout = EMPTY) -> int:
     """Say how a measured curve is read; return the exit code."""
-    from wovenfab.measured.curve import in_words, read_measured
+    from wovenfab.measured.curve import in_words, read_curve
 
-    measured = read_measured(path, layout)
-    Console().say("\n".join(in_words(measured)))
+    Console().say("\n".join(in_words(read_curve(path, layout))))
     return 0
 
 

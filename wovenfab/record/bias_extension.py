@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 Values = NDArray[np.float64]
+#: Least angle over the largest one from which a loading begins, at most; as much may it go back.
+START = 0.1
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,45 @@ class BiasExtension:
     def tension(self, force: Values) -> Values:
         """Return the tension between the grips (N) for forces conjugate to the program (N)."""
         return np.asarray(force / self.factor)
+
+    def angle_at(self, displacement: Values) -> Values:
+        """Return the shear angle in the centre (rad) at displacements of the program (m)."""
+        return self.shear_angle(self.elongation(displacement))
+
+    def displacement_at(self, angle: Values) -> Values:
+        """Return the displacement of the program (m) at shear angles in the centre (rad).
+
+        It is the inverse of :meth:`angle_at`.
+        """
+        span = self.length - self.width
+        elongation = span * (sqrt(2) * np.cos(pi / 4 - np.asarray(angle) / 2) - 1)
+        return np.asarray((elongation - self.offset) / self.factor, dtype=np.float64)
+
+    def force_at(self, angle: Values, shear_force: Values) -> Values:
+        """Return the force conjugate to the program (N) of a normalised shear force (N/m).
+
+        It is the inverse of :meth:`shear_force`: what both zones take, at gamma and at gamma/2.
+        So the angles must be those of one loading from about zero; they may scatter.
+
+        Args:
+            angle: gamma (rad), shape (n,), in the order of time.
+            shear_force: F_sh (N/m), shape (n,).
+
+        Raises:
+            ValueError: The angles begin too late or go back.
+        """
+        most = float(np.max(angle))
+        if angle[0] > START * most or angle[-1] < (1 - START) * most:
+            raise ValueError(
+                "the normalised shear force of a bias extension gives the force for one loading "
+                "from zero, as it needs that at half of each angle; for a cycle give the force"
+            )
+        order = np.argsort(angle, kind="stable")
+        half, h, w = angle / 2, self.length, self.width
+        at_half = np.interp(half, angle[order], shear_force[order])
+        work = (2 * h - 3 * w) * np.cos(angle) * shear_force + w * np.cos(half) * at_half
+        tension = work / ((h / w - 1) * (np.cos(half) - np.sin(half)))
+        return np.asarray(self.factor * tension)
 
     def shear_angle(self, elongation: Values) -> Values:
         """Return gamma = 90 deg - 2 acos((L0 + d) / (sqrt(2) L0)) in the central zone (rad).

@@ -25,6 +25,7 @@ from wovenfab.case.errors import (
 )
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
 from wovenfab.case.quantities import Length, Section, Several
+from wovenfab.case.specimen import shear_test_of
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
@@ -85,8 +86,14 @@ class Columns(Section):
     displacement: str | int | None = Field(default=None, examples=["Weg"])
     """Name or number (from 1)."""
 
+    angle: str | int | None = Field(default=None, examples=["Scherwinkel"])
+    """Name or number (from 1), in place of the displacement."""
+
     force: str | int | None = Field(default=None, examples=["Kraft"])
     """Name or number (from 1)."""
+
+    shear_force: str | int | None = Field(default=None, examples=["normierte Scherkraft"])
+    """Name or number (from 1), in place of the force."""
 
     time: str | int | None = Field(default=None, examples=["Zeit"])
     """Name or number (from 1)."""
@@ -98,8 +105,14 @@ class Units(Section):
     displacement: str | None = Field(default=None, examples=["mm"])
     """A length."""
 
+    angle: str | None = Field(default=None, examples=["deg"])
+    """An angle."""
+
     force: str | None = Field(default=None, examples=["N"])
     """A force."""
+
+    shear_force: str | None = Field(default=None, examples=["N/mm"])
+    """A force per length."""
 
     time: str | None = Field(default=None, examples=["s"])
     """A time."""
@@ -300,9 +313,8 @@ def read_fit(path: Path) -> Fit:
 def _test(test: Test) -> MeasuredTest:
     case = read_case(test.case, dict(test.set))
     columns, units = (s.model_dump(exclude_none=True) for s in (test.columns, test.units))
-    measured = read_measured(
-        test.measured, Layout(columns, units, test.rows, test.decimal, test.sheet)
-    )
+    layout = Layout(columns, units, test.rows, test.decimal, test.sheet)
+    measured = read_measured(test.measured, layout, shear_test_of(case))
     number, share = test.error
     error = number * float(abs(measured.force).max()) if share else number
     return MeasuredTest(case, measured, error, test.weight, test.toe)

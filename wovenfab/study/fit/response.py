@@ -29,7 +29,8 @@ from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.measured.curve import Measured, reversed_force, said
+from wovenfab.measured.columns import said
+from wovenfab.measured.curve import Measured, reversed_force
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -274,7 +275,7 @@ def _check_signs(measured: Measured, curve: ResponseCurve) -> None:
         BranchError: With what is to be said.
     """
     if measured.is_reversed:
-        raise BranchError(f"{measured.file.name}: {reversed_force(measured)}")
+        raise BranchError(f"{measured.file.name}: {reversed_force(measured.reading)}")
     u = measured.displacement[measured.branches()[0]]
     goes = float(curve.displacement[curve.turns[1]] - curve.displacement[0])
     if (u[-1] - u[0]) * goes < 0:
