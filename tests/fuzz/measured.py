@@ -56,6 +56,9 @@ CELLS = (
     *("[red]", "[/b]", "$\\frac$", "a" * 5000, "\0", "\u2028", "\ufeff", "m" * 40, "N*" * 30),
     *("1/0", "\x1b[31m"),
 )  # fmt: skip
+#: Keys of a test that are added to fit files, and some of their values.
+MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle")
+GIVEN = ("1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N")
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-32", "cp1252", "latin-1")
 LAYOUTS = (
     *(Layout(),) * 8,
@@ -169,8 +172,11 @@ def fit(folder: Path, generator: random.Random) -> None:
     for file in LAB.iterdir():
         if file.suffix in (".yaml", ".csv"):
             (folder / file.name).write_bytes(file.read_bytes())
-    more = f"    {generator.choice(('rows', 'decimal', 'columns', 'units'))}: "
-    more += generator.choice((*VALUES, "1-9", "{force: 2}", "{force: -1 N}", "','")) + "\n"
+    more = f"    {generator.choice(MORE)}: "
+    more += (
+        generator.choice((*VALUES, "1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N"))
+        + "\n"
+    )
     text = origin.read_text(encoding="utf-8")
     if generator.randrange(2):
         text = text.replace("    measured:", f"{more}    measured:", 1)

@@ -246,7 +246,7 @@ BAD = {
     "unknown key": (FIT + "parametres: {}\n", "parametres: unknown key"),
     "no such case": (FIT.replace("case.yaml", "x.yaml"), "there is no file 'x.yaml'"),
     "no such curve": (FIT.replace("curve.csv", "x.csv"), "there is no file 'x.csv'"),
-    "a spreadsheet": (FIT.replace("curve.csv", "curve.xlsx"), "expected a file that ends in"),
+    "a spreadsheet": (FIT.replace("curve.csv", "curve.ods"), "expected a file that ends in"),
     "unknown effect": (FIT + "  sheer.stiffness:\n", "no effect 'sheer'. Did you mean 'shear'?"),
     "unknown parameter": (FIT + "  shear.slope:\n", "shear has no parameter 'slope'. It has stiff"),
     "coefficient of a number": (FIT + "  bending.stiffness#1:\n", "the value has 0 coefficients"),

@@ -86,6 +86,7 @@ class Measured:
         force: N, shape (n,).
         time: s, shape (n,), or None.
         reading: How the file was read; None for a curve that is from none.
+        cycle: Which cycle of the record it is, from 1; 0 if it is all of it.
     """
 
     file: Path
@@ -93,6 +94,7 @@ class Measured:
     force: Array
     time: Array | None = None
     reading: Reading | None = None
+    cycle: int = 0
 
     def branches(self) -> list[Rows]:
         """Return the rows of each loading and unloading, reversals in both.

@@ -209,7 +209,7 @@ def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
     noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
     runs, expected, probability = sign_runs(distance)
     loading = rows <= test.measured.branches()[0][-1]
-    near = np.flatnonzero(np.abs(distance[loading]) <= 2 * test.error)
+    near = np.flatnonzero((np.abs(distance) <= 2 * test.errors[rows])[loading])
     u = test.measured.displacement[rows[loading]]
     first = 0 if not near.size else int(near[-1]) + 1
     part_at = float(u[first]) if first < u.size else None
