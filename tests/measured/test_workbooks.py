@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 from datetime import datetime, time, timedelta
@@ -291,6 +292,16 @@ def test_a_bad_workbook_is_one_message_with_its_cause(name: str, tmp_path: Path)
     (problem,) = caught.value.problems
     assert "curve.xlsx" in str(problem)
     assert [part for part in parts if part not in str(problem)] == []
+
+
+def test_formulas_count_by_their_stored_values(tmp_path: Path) -> None:
+    def computed(raw: bytes) -> bytes:
+        return re.sub(rb'(<c r="B[0-9]+"[^>]*>)<v>', rb"\1<f>A1*2</f><v>", raw)
+
+    (tmp_path / "curve.xlsx").write_bytes(changed(SHEET, computed))
+    book = openpyxl.load_workbook(tmp_path / "curve.xlsx")
+    assert book["Data"]["B5"].value == "=A1*2"
+    assert np.array_equal(read_measured(tmp_path / "curve.xlsx").force, F)
 
 
 def test_a_sheet_of_a_text_is_refused(tmp_path: Path) -> None:

@@ -247,6 +247,17 @@ BAD = {
     "no such case": (FIT.replace("case.yaml", "x.yaml"), "there is no file 'x.yaml'"),
     "no such curve": (FIT.replace("curve.csv", "x.csv"), "there is no file 'x.csv'"),
     "a spreadsheet": (FIT.replace("curve.csv", "curve.ods"), "expected a file that ends in"),
+    "no curves": (FIT.replace("curve.csv", "[]"), "tests.0.measured: the list is empty"),
+    "one of several curves": (
+        FIT.replace("curve.csv", "[curve.csv, x.csv]"), "there is no file 'x.csv'",
+    ),
+    "no such cycle": (FIT.replace("error:", "cycle: 2, error:"), "no cycle 2: the curve has 0"),
+    "half a row": (FIT.replace("error:", "zero: 0.5, error:"), "zero: expected a whole number"),
+    "rest of all rows": (FIT.replace("error:", "drift: 2, error:"), "'drift: 2' needs"),
+    "unit of the preload": (
+        FIT.replace("error:", "preload: 1 mm, error:"), "preload: expected a force",
+    ),
+    "sheet of a text": (FIT.replace("error:", "sheet: A, error:"), "this is no workbook"),
     "unknown effect": (FIT + "  sheer.stiffness:\n", "no effect 'sheer'. Did you mean 'shear'?"),
     "unknown parameter": (FIT + "  shear.slope:\n", "shear has no parameter 'slope'. It has stiff"),
     "coefficient of a number": (FIT + "  bending.stiffness#1:\n", "the value has 0 coefficients"),

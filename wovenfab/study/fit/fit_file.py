@@ -33,7 +33,7 @@ from wovenfab.case.errors import (
     value_error,
 )
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
-from wovenfab.case.quantities import Length, Quantity, Section, Several
+from wovenfab.case.quantities import Count, Length, Quantity, Section, Several
 from wovenfab.case.specimen import shear_test_of
 from wovenfab.forms.effect import Target
 from wovenfab.measured.correction import Correction, corrected
@@ -87,7 +87,8 @@ def _lines(value: Any) -> tuple[int, int] | None:
         ) from None
 
 
-_Force = Annotated[float, Quantity(unit="N", usual=(1e-6, 1e5))]
+_Number = Annotated[int, Count(least=0, most=1_000_000)]
+_Force = Annotated[float, Quantity(unit="N", least=0.0)]
 _Rows = Annotated[
     tuple[int, int] | None,
     BeforeValidator(_lines, json_schema_input_type=str),
@@ -173,17 +174,17 @@ class Test(Section):
     sheet: str = Field(default="", examples=["Specimen 1"])
     """Its sheet, if it is a workbook; that with the most rows of numbers unless given."""
 
-    drift: int = Field(default=0, ge=0, examples=[20])
+    drift: _Number = Field(default=0, examples=[20])
     """Rows at each end of the record at which the sample is without force: in between the zero of
     the force drifts evenly."""
 
-    zero: int = Field(default=0, ge=0, examples=[20])
+    zero: _Number = Field(default=0, examples=[20])
     """Rows at rest at the start, whose mean force and displacement become zero."""
 
     preload: _Force = 0.0
     """Displacements count from where the force first reaches this; rows before are left out."""
 
-    cycle: int = Field(default=0, ge=0, examples=[5])
+    cycle: _Number = Field(default=0, examples=[5])
     """The only cycle that counts, from 1; it is compared with the last one of the program."""
 
     error: Annotated[
