@@ -180,13 +180,13 @@ PARTS = ("xl/workbook.xml", "xl/worksheets/sheet1.xml", "[Content_Types].xml", "
 
 def changed(part: str, change: Callable[[bytes], bytes | None]) -> bytes:
     """Return a workbook with the curve, one of whose parts is changed; None takes it away."""
-    whole, other = BytesIO(), BytesIO()
-    book = openpyxl.Workbook()
-    book.active.title = "Data"
-    for row in [HEAD, *curve()]:
-        book.active.append(row)
-    book.save(whole)
-    with ZipFile(whole) as source, ZipFile(other, "w", ZIP_DEFLATED) as target:
+    return repacked(with_sheets({"Data": [HEAD, *curve()]}), part, change)
+
+
+def repacked(whole: bytes, part: str, change: Callable[[bytes], bytes | None]) -> bytes:
+    """Return an archive with a changed part."""
+    other = BytesIO()
+    with ZipFile(BytesIO(whole)) as source, ZipFile(other, "w", ZIP_DEFLATED) as target:
         for name in source.namelist():
             raw = source.read(name)
             new = change(raw) if name == part else raw
@@ -219,6 +219,12 @@ def with_sheets(sheets: dict[str, Rows], change: Callable[[Any], None] = lambda 
     return raw.getvalue()
 
 
+def with_size(raw: bytes) -> bytes:
+    """Return a workbook whose sheet is said to be as large as one can be."""
+    return repacked(raw, PARTS[1], lambda part: re.sub(rb'ref="[A-Z0-9:]+"', WHOLE_SHEET, part))
+
+
+WHOLE_SHEET = b'ref="A1:XFD1048576"'
 SHEET = PARTS[1]
 WHOLE = changed("", lambda raw: raw)
 OLE = b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + b"\0" * 600
@@ -258,6 +264,9 @@ BAD: dict[str, tuple[bytes, dict[str, Any], tuple[str, ...]]] = {
     "rows without end": (
         changed(SHEET, lambda raw: raw.replace(b'<row r="9"', b'<row r="99999999999"')), {},
         ("more than", "rows"),
+    ),
+    "a false size": (
+        with_size(with_sheets({"Data": [["a", "b"]]})), {}, ("no row with two numbers",),
     ),
     "nothing": (with_sheets({"Data": []}), {}, ("no row with two numbers",)),
     "words": (with_sheets({"Data": [["a", "b"], ["c", "d"]]}), {}, ("no row with two numbers",)),

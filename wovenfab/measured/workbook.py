@@ -61,15 +61,16 @@ def cells_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[Cells, .
         with warnings.catch_warnings():  # on styles, which do not matter here
             warnings.simplefilter("ignore")
             book = openpyxl.load_workbook(BytesIO(raw), read_only=True, data_only=True)
-            chosen = _chosen(book.worksheets, sheet, path)
             found: list[Cells] = []
-            for s in chosen:
+            for chosen in _chosen(book.worksheets, sheet, path):
                 left = ROWS - sum(len(cells.rows) for cells in found)
-                rows = tuple(_rows(s, left, path))
-                found.append(Cells(f"workbook: sheet {s.title!r}", rows, sheet=s.title))
-            if not any(is_number(c) for cells in found for row in cells.rows for c in row.cells):
+                rows = tuple(_rows(chosen, left, path))
+                origin = f"workbook: sheet {chosen.title!r}"
+                found.append(Cells(origin, rows, sheet=chosen.title))
+            if not any(sum(map(is_number, r.cells)) > 1 for cells in found for r in cells.rows):
                 formulas = openpyxl.load_workbook(BytesIO(raw), read_only=True)
-                if any(c.data_type == "f" for s in formulas.worksheets for row in s for c in row):
+                written = (_rows(formulas[cells.sheet], ROWS, path) for cells in found)
+                if any(c.startswith("=") for rows in written for row in rows for c in row.cells):
                     remedy = "Open it in a spreadsheet program and save it: that computes them."
                     message = "the formulas of the workbook have no stored values"
                     raise case_error(str(path), message, remedy)
