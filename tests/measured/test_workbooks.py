@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import struct
+import sys
 from collections.abc import Callable
 from datetime import datetime, time, timedelta
 from io import BytesIO
@@ -16,6 +17,7 @@ import openpyxl
 import pytest
 
 from wovenfab.case import CaseError
+from wovenfab.lacking import LackingError
 from wovenfab.measured import workbook
 from wovenfab.measured.cloud import read_cloud
 from wovenfab.measured.curve import in_words, read_measured
@@ -311,6 +313,15 @@ def test_formulas_count_by_their_stored_values(tmp_path: Path) -> None:
     book = openpyxl.load_workbook(tmp_path / "curve.xlsx")
     assert book["Data"]["B5"].value == "=A1*2"
     assert np.array_equal(read_measured(tmp_path / "curve.xlsx").force, F)
+
+
+def test_a_missing_reader_of_workbooks_is_told_with_what_installs_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "openpyxl", None)
+    (tmp_path / "curve.xlsx").write_bytes(WHOLE)
+    with pytest.raises(LackingError, match="pip install openpyxl"):
+        read_measured(tmp_path / "curve.xlsx")
 
 
 def test_a_sheet_of_a_text_is_refused(tmp_path: Path) -> None:
