@@ -15,14 +15,17 @@ import traceback
 import warnings
 from collections import Counter
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
+from openpyxl import Workbook
 
 from tests.fuzz.__main__ import VALUES, finish, mutated
 from wovenfab.case import CaseError
 from wovenfab.measured.cloud import read_cloud
-from wovenfab.measured.curve import in_words, read_measured
+from wovenfab.measured.curve import Measured, in_words, read_measured
 from wovenfab.measured.layout import Layout
 from wovenfab.study.fit.fit_file import read_fit
 
@@ -53,6 +56,9 @@ CELLS = (
     *("[red]", "[/b]", "$\\frac$", "a" * 5000, "\0", "\u2028", "\ufeff", "m" * 40, "N*" * 30),
     *("1/0", "\x1b[31m"),
 )  # fmt: skip
+#: Keys of a test that are added to fit files, and some of their values.
+MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle")
+GIVEN = ("1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N")
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-32", "cp1252", "latin-1")
 LAYOUTS = (
     *(Layout(),) * 8,
@@ -107,11 +113,49 @@ def curve(folder: Path, generator: random.Random) -> None:
     """Read a mutated curve."""
     path = folder / "curve.csv"
     path.write_bytes(worded(generator.choice(CURVES), generator))
-    found = read_measured(path, generator.choice(LAYOUTS))
+    is_sound(read_measured(path, generator.choice(LAYOUTS)))
+
+
+def is_sound(found: Measured) -> None:
+    """Make sure of finite numbers, of branches that hold all rows, and of plain words."""
     assert np.isfinite([found.displacement, found.force]).all() and np.ptp(found.displacement) > 0
     rows = np.concatenate([rows[1:] for rows in found.branches()])
     assert np.array_equal(rows, np.arange(1, found.force.size))
-    assert "\x1b" not in "\n".join(in_words(found))
+    assert "\x1b" not in "\n".join(in_words(found.reading))
+
+
+def workbook(folder: Path, generator: random.Random) -> None:
+    """Read a mutated workbook: cells, parts of the archive, or bytes of it."""
+    book, raw = Workbook(), BytesIO()
+    for u in LOOP:
+        cells: list[object] = [u / 7, u**2 / 9, u]
+        if generator.randrange(4) == 0:
+            cells[generator.randrange(3)] = plain_cell(generator.choice(CELLS))
+        book.active.append(cells)
+    book.active.insert_rows(1)
+    for at, title in enumerate(("Weg [mm]", "Kraft [N]", "t [s]"), start=1):
+        book.active.cell(1, at).value = title
+    book.save(raw)
+    with ZipFile(raw) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    if generator.randrange(2):
+        name = generator.choice(sorted(parts))
+        place = generator.randrange(len(parts[name]))
+        parts[name] = parts[name][:place] + generator.randbytes(3) + parts[name][place + 3 :]
+    path = folder / "curve.xlsx"
+    with ZipFile(path, "w") as archive:
+        for name, part in parts.items():
+            archive.writestr(name, part)
+    if generator.randrange(4) == 0:
+        whole = path.read_bytes()
+        place = generator.randrange(len(whole))
+        path.write_bytes(whole[:place] + generator.randbytes(generator.randrange(9)))
+    is_sound(read_measured(path, generator.choice(LAYOUTS)))
+
+
+def plain_cell(cell: str) -> str:
+    """Return a cell without the characters that no workbook can hold."""
+    return "".join(c for c in cell if c.isprintable())[:100]
 
 
 def cloud(folder: Path, generator: random.Random) -> None:
@@ -128,8 +172,11 @@ def fit(folder: Path, generator: random.Random) -> None:
     for file in LAB.iterdir():
         if file.suffix in (".yaml", ".csv"):
             (folder / file.name).write_bytes(file.read_bytes())
-    more = f"    {generator.choice(('rows', 'decimal', 'columns', 'units'))}: "
-    more += generator.choice((*VALUES, "1-9", "{force: 2}", "{force: -1 N}", "','")) + "\n"
+    more = f"    {generator.choice(MORE)}: "
+    more += (
+        generator.choice((*VALUES, "1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N"))
+        + "\n"
+    )
     text = origin.read_text(encoding="utf-8")
     if generator.randrange(2):
         text = text.replace("    measured:", f"{more}    measured:", 1)
@@ -141,7 +188,7 @@ def fit(folder: Path, generator: random.Random) -> None:
     read_fit(path)
 
 
-KINDS: tuple[Callable[[Path, random.Random], None], ...] = (curve, curve, cloud, fit)
+KINDS: tuple[Callable[[Path, random.Random], None], ...] = (curve, curve, cloud, fit, workbook)
 
 
 def outcome(seed: int) -> tuple[str, str]:

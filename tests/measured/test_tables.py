@@ -108,7 +108,7 @@ def test_the_table_is_read_whatever_else_is_in_the_file(name: str, tmp_path: Pat
     is_the_curve(curve)
     assert curve.reading is not None
     assert len(curve.reading.skipped) == skipped
-    words = "\n".join(in_words(curve))
+    words = "\n".join(in_words(curve.reading))
     assert f"{N} rows" in words and f"largest force: {F[-1]:.5g} N" in words
 
 
@@ -225,13 +225,20 @@ def test_files_that_are_no_text_are_refused(start: bytes, tmp_path: Path) -> Non
 def test_options_say_the_same_as_a_layout() -> None:
     names = ("displacement", "force", "time")
     layout = layout_of_options(
-        ["force=Kraft, N, displacement=1"], ["force=-1 N"], "12-", "comma", names
+        ["force=Kraft, N, displacement=1"], ["force=-1 N"], "12-", "comma", None, names
     )
     assert layout.columns == {"force": "Kraft, N", "displacement": 1}
     assert (layout.units, layout.decimal) == ({"force": "-1 N"}, ",")
     assert layout.rows is not None and layout.rows[0] == 12
     for bad in ({"columns": ["force"]}, {"units": ["mass=kg"]}, {"rows": "9-3"}, {"decimal": "x"}):
-        given: dict[str, Any] = {"columns": [], "units": [], "rows": None, "decimal": None, **bad}
+        given: dict[str, Any] = {
+            "columns": [],
+            "units": [],
+            "rows": None,
+            "decimal": None,
+            "sheet": None,
+            **bad,
+        }
         with pytest.raises(CaseError, match="--"):
             layout_of_options(**given, quantities=names)
 

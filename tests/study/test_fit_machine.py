@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from wovenfab.case import read_case
 from wovenfab.forms.effect import Target
 from wovenfab.measured.curve import Measured
+from wovenfab.measured.replicates import replicates_of
 from wovenfab.study.fit.fit_file import Fit, FitParameter, MeasuredTest
 from wovenfab.study.fit.identifiability import knowledge
 from wovenfab.study.fit.objective import Objective
@@ -66,7 +67,13 @@ def measured(noise: Array | float = 0.0) -> Measured:
 
 def fit_to(curve: Measured) -> Fit:
     case = read_case(ROOT / "configs" / "bias-1x3.yaml")
-    return Fit("", "twin", (MeasuredTest(case, curve, ERROR, 1.0, -np.inf),), UNKNOWNS, False)
+    return Fit(
+        "",
+        "twin",
+        (MeasuredTest(case, replicates_of([curve]), ERROR, 1.0, -np.inf),),
+        UNKNOWNS,
+        False,
+    )
 
 
 class Closed(Objective):
@@ -161,7 +168,7 @@ def test_an_error_of_all_rows_moves_parameters_as_a_fit_to_it_would(tmp_path: Pa
     fit = replace(fit_to(measured()), unknowns=UNKNOWNS[:2])
     made = curve(TRUTH)
     still = Measured(Path("twin.csv"), made.displacement, made.force, None)
-    fit = replace(fit, tests=(replace(fit.tests[0], measured=still),))
+    fit = replace(fit, tests=(replace(fit.tests[0], replicates=replicates_of([still])),))
     with Stiff(fit, tmp_path) as objective:
         found = search_with_slack(objective, fit)
     assert found.shift == pytest.approx([0.02, 0.0], abs=5e-4)

@@ -426,7 +426,7 @@ def unit_of_formula(text: str) -> str | None:
             return None
     except FormulaError:
         return None
-    kinds = (*given, *units.KINDS, "N")
+    kinds = (*given, *units.KINDS)
     return next((k for k in kinds if units.in_si(k)[1] == value.dimensionality), units.SOME_SI)
 
 

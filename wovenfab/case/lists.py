@@ -82,5 +82,5 @@ def _reading(values: Sequence[Any], unit: str) -> str:
 
 def _si_of(unit: str) -> str:
     """Return the SI unit of the same kind."""
-    kinds = (*units.KINDS, "N")
-    return next((kind for kind in kinds if units.measures(f"1 {unit}", kind)), units.SOME_SI)
+    found = (kind for kind in units.KINDS if units.measures(f"1 {unit}", kind))
+    return next(found, units.SOME_SI)

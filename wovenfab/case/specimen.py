@@ -128,14 +128,28 @@ def other_tests(names: Sequence[TestName], setup: Setup) -> Iterator[Finding]:
             yield ("figures", i), f"this is no test of {name}: {error.reason}", error.remedy
 
 
+#: A test whose shear angle follows from its displacement.
+ShearTest = BiasExtension | PictureFrame
+
+
+def shear_test_of(case: Case) -> ShearTest | None:
+    """Return the test if a rectangle is set up as bias extension or picture frame, else None."""
+    return _test_of(case, _bias_extension) or _test_of(case, _picture_frame)
+
+
 def bias_extension_of(case: Case) -> BiasExtension | None:
     """Return the test if a rectangle is set up as one of bias extension, else None."""
+    return _test_of(case, _bias_extension)
+
+
+def _test_of[T](case: Case, test: Callable[[Setup], T]) -> T | None:
+    """Return the test if a rectangle is set up as it, else None."""
     if not isinstance(case.sheet, Rectangle):
         return None
     shape = rectangle_shape(case.sheet)
     setup = setup_of(shape, case.sheet.fibres, case.boundary, case.program, case.output)
     try:
-        return _bias_extension(setup)
+        return test(setup)
     except OtherTestError:
         return None
 
@@ -189,6 +203,8 @@ def _picture_frame(setup: Setup) -> PictureFrame:
     frames = [condition.frame for condition in held if condition.frame]
     if len(frames) < len(held) or not frames:
         raise OtherTestError("not all edges are held by a frame", "Hold each by 'frame'.")
+    if len(setup.boundary) < len(EDGES):
+        raise OtherTestError("an edge is free", "The frame holds all four.")
     bars = np.array([_unit(frames[0].angle + turn) for turn in (0.0, np.pi / 2)])
     if not np.allclose(np.sort(np.abs(setup.fibres @ bars[0])), [0, 1], rtol=0, atol=ROUNDING):
         remedy = "They are along the bars: at 'angle' of the frame and at right angles to it."

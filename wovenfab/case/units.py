@@ -20,6 +20,7 @@ KINDS = {
     "s": ("a time", "2 s"),
     "m/s": ("a velocity", "0.5 m/s"),
     "Hz": ("a frequency", "2 Hz"),
+    "N": ("a force", "10 N"),
     "N/m": ("a force per length", "400 N/m"),
     "N/m^2": ("a force per area", "199.2 kN/m^2"),
     "N/m^3": ("a force per volume", "6e7 N/m^3"),
@@ -155,7 +156,7 @@ def quantity(value: float, unit: str) -> Any:
 
 def kind_of(dimension: Any) -> str:
     """Return in words what a dimension is: ``"a length"``."""
-    names = {unit: name for unit, (name, _) in KINDS.items()} | {"N": "a force", "m^2": "an area"}
+    names = {unit: name for unit, (name, _) in KINDS.items()} | {"m^2": "an area"}
     for unit, name in names.items():
         if in_si(unit)[1] == dimension:
             return name

@@ -122,6 +122,10 @@ Decimal = Annotated[
     str | None,
     _option("--decimal", metavar="point|comma", help="The decimal sign, if numbers do not tell."),
 ]
+Sheet = Annotated[
+    str | None,
+    _option("--sheet", metavar="NAME", help="The sheet of a workbook; that with the most rows."),
+]
 
 
 app = typer.Typer(
@@ -383,33 +387,35 @@ def report(
     units: Units = None,
     rows: Rows = None,
     decimal: Decimal = None,
+    sheet: Sheet = None,
 ) -> None:
     """Report a run from its files alone, or compare several: pages, pictures, yarns.
 
-    The last four options say how the file of --lab is read; wovenfab measured FILE shows it.
+    The last five options say how the file of --lab is read; wovenfab measured FILE shows it.
     """
     from wovenfab.cli.report import report_results
     from wovenfab.measured.layout import layout_of_options
     from wovenfab.measured.names import SI
 
-    layout = layout_of_options(columns or [], units or [], rows, decimal, SI)
+    layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, SI)
     sys.exit(report_results(directories, output, animation, lab, layout))
 
 
 @app.command()
 def measured(
-    file: Annotated[Path, _argument(help="The measured file: CSV or other text.")],
+    file: Annotated[Path, _argument(help="The measured file: CSV or other text, or XLSX.")],
     columns: Columns = None,
     units: Units = None,
     rows: Rows = None,
     decimal: Decimal = None,
+    sheet: Sheet = None,
 ) -> None:
     """Show how a measured curve is read: columns, units, rows, branches, largest force."""
     from wovenfab.cli.report import show_measured
     from wovenfab.measured.layout import layout_of_options
     from wovenfab.measured.names import SI
 
-    layout = layout_of_options(columns or [], units or [], rows, decimal, SI)
+    layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, SI)
     sys.exit(show_measured(file, layout))
 
 
@@ -444,16 +450,17 @@ def export(
     units: Units = None,
     rows: Rows = None,
     decimal: Decimal = None,
+    sheet: Sheet = None,
 ) -> None:
     """Write stored fields as VTU and CSV, or compare them with a camera's cloud of points.
 
-    The last four options say how the file of --compare is read, as in --units x=mm,y=mm.
+    The last five options say how the file of --compare is read, as in --units x=mm,y=mm.
     """
     from wovenfab.cli.report import export_results
     from wovenfab.measured.cloud import CLOUD
     from wovenfab.measured.layout import layout_of_options
 
-    layout = layout_of_options(columns or [], units or [], rows, decimal, CLOUD)
+    layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, CLOUD)
     sys.exit(export_results(directory, output, at, every, last, compare, layout))
 
 

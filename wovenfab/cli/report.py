@@ -33,7 +33,7 @@ def report_results(
         return BAD_INPUT
     if lab is None and layout != EMPTY:
         console.problem(
-            "--columns, --units, --rows and --decimal are of the file of --lab: name it"
+            "--columns, --units, --rows, --decimal and --sheet are of the file of --lab: name it"
         )
         return BAD_INPUT
     if animation and len(directories) > 1:
@@ -122,10 +122,9 @@ def _measured(
 
 def show_measured(path: Path, layout: Layout = EMPTY) -> int:
     """Say how a measured curve is read; return the exit code."""
-    from wovenfab.measured.curve import in_words, read_measured
+    from wovenfab.measured.curve import in_words, read_curve
 
-    measured = read_measured(path, layout)
-    Console().say("\n".join(in_words(measured)))
+    Console().say("\n".join(in_words(read_curve(path, layout))))
     return 0
 
 
@@ -159,7 +158,9 @@ def export_results(
     if _lacks_results(console, [directory]):
         return BAD_INPUT
     if cloud is None and layout != EMPTY:
-        console.problem("--columns, --units, --rows and --decimal are of the file of --compare")
+        console.problem(
+            "--columns, --units, --rows, --decimal and --sheet are of the file of --compare"
+        )
         return BAD_INPUT
     try:
         source, stored = open_run_data(directory), stored_of(directory)

@@ -271,15 +271,18 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
     from wovenfab.study.fit.search import profile, search_with_slack
+    from wovenfab.study.fit.specimens import in_words as of_specimens
+    from wovenfab.study.fit.specimens import specimen_values
 
-    curves, unknowns = len(fit.tests), len(fit.unknowns)
+    curves = sum(len(test.replicates.specimens) for test in fit.tests)
+    unknowns = len(fit.unknowns)
     console.say(
         f"{fit.name}: {counted(curves, 'measured curve')}, {counted(unknowns, 'parameter')}"
     )
-    for test in fit.tests:
-        if test.measured.reading is not None:
-            console.say(f"  {test.measured.file.name}: {test.measured.reading}")
-            for note in test.measured.reading.notes:
+    for curve in (curve for test in fit.tests for curve in test.replicates.specimens):
+        if curve.reading is not None:
+            console.say(f"  {curve.file.name}: {curve.reading}")
+            for note in curve.reading.notes:
                 console.say(f"    {note}")
     place = directory / RUNS
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
@@ -292,13 +295,15 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
             for name in fit.profiles
             if name in halves
         ]
+        specimens = specimen_values(objective, fit, found)
     beyond = [
         f"{test.measured.file.name}: {comparison.left_out}."
         for test, comparison in zip(fit.tests, e.comparisons, strict=True)
         if comparison.left_out
     ]
     notes = [*_headlines(found), *beyond, *in_words(known, fit), *map(str, profiles)]
-    write_result(fit, found, known, profiles, notes, directory)
+    notes += of_specimens(specimens, fit)
+    write_result(fit, found, known, profiles, specimens, notes, directory)
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
     for i in known.intervals:

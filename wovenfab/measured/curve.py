@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -11,17 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wovenfab.case import units
 from wovenfab.case.errors import case_error, describe
+from wovenfab.case.specimen import ShearTest
+from wovenfab.measured.columns import OF, OVER, Column, columns_of, said
 from wovenfab.measured.layout import EMPTY, Layout
-from wovenfab.measured.names import SI, MeasuredUnit, means, means_strain, name_of, units_in
+from wovenfab.measured.names import SI
 from wovenfab.measured.numbers import NAMES
-from wovenfab.measured.table import SEPARATORS, MeasuredTable, read_table, short
+from wovenfab.measured.table import MeasuredTable, read_table, short
+from wovenfab.measured.text import SEPARATORS
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
-#: Units that a remedy shows.
-EXAMPLES = {"displacement": "mm", "force": "N", "time": "s"}
 #: Fewest rows, and the largest share of rows without numbers.
 FEWEST, SKIPPED = 3, 0.1
 #: A way back that is less is noise: as a share of the range of the displacement, at least and at
@@ -32,34 +31,13 @@ THIRD, MEDIAN = 20.0**0.5, 0.6745
 
 
 @dataclass(frozen=True)
-class Column:
-    """A column as it was understood.
-
-    Attributes:
-        number: From 1.
-        title: As written, perhaps empty.
-        unit: As written in the header or said by the user.
-        factor: SI units of a number in it.
-    """
-
-    number: int
-    title: str
-    unit: str
-    factor: float
-
-    def __str__(self) -> str:
-        """Return number, title and unit."""
-        title = f" {short(self.title)!r}" if self.title else ""
-        return f"column {self.number}{title} in {self.unit}"
-
-
-@dataclass(frozen=True)
 class Reading:
     """How a file was read.
 
     Attributes:
         table: The table of numbers.
         columns: Columns by quantity.
+        values: Their numbers in SI units, shape (n,) each.
         lines: Line of each row that is used, shape (n,).
         skipped: Lines of rows without a number that is needed, each with the cell.
         notes: Sentences on what was not read, or assumed.
@@ -67,6 +45,7 @@ class Reading:
 
     table: MeasuredTable
     columns: dict[str, Column]
+    values: dict[str, Array]
     lines: NDArray[np.intp]
     skipped: tuple[tuple[int, str], ...]
     notes: tuple[str, ...]
@@ -75,6 +54,16 @@ class Reading:
         """Return in a sentence which columns and rows are used."""
         named = ", ".join(f"{quantity} from {c}" for quantity, c in self.columns.items())
         return f"{named}; {self.rows}"
+
+    @property
+    def over(self) -> str:
+        """The quantity that the other one is measured over: displacement or angle."""
+        return next(q for q in OVER if q in self.columns)
+
+    @property
+    def of(self) -> str:
+        """The quantity that is measured: force or shear_force."""
+        return next(q for q in OF if q in self.columns)
 
     @property
     def rows(self) -> str:
@@ -97,6 +86,7 @@ class Measured:
         force: N, shape (n,).
         time: s, shape (n,), or None.
         reading: How the file was read; None for a curve that is from none.
+        cycle: Which cycle of the record it is, from 1; 0 if it is all of it.
     """
 
     file: Path
@@ -104,6 +94,7 @@ class Measured:
     force: Array
     time: Array | None = None
     reading: Reading | None = None
+    cycle: int = 0
 
     def branches(self) -> list[Rows]:
         """Return the rows of each loading and unloading, reversals in both.
@@ -115,18 +106,23 @@ class Measured:
 
     @cached_property
     def is_reversed(self) -> bool:
-        """Whether the force is against the displacement from the start, and more and more.
-
-        On the first branch its work is negative and the force falls: no sample at rest does so.
-        """
-        rows = self.branches()[0]
-        u, force = self.displacement[rows], self.force[rows]
-        falls = float((u - u.mean()) @ (force - force.mean())) < 0
-        return falls and float(np.trapezoid(force, u)) < 0
+        """Whether the force is against the displacement, as :func:`is_reversed` says."""
+        return is_reversed(self.displacement, self.force)
 
     @cached_property
     def _turns(self) -> list[int]:
         return turns(self.displacement)
+
+
+def is_reversed(displacement: Array, force: Array) -> bool:
+    """Return whether a force is against the displacement from the start, and more and more.
+
+    On the first branch its work is negative and the force falls: no sample at rest does so.
+    """
+    rows = slice(0, turns(displacement)[1] + 1)
+    u, force = displacement[rows], force[rows]
+    falls = float((u - u.mean()) @ (force - force.mean())) < 0
+    return falls and float(np.trapezoid(force, u)) < 0
 
 
 def turns(displacement: Array) -> list[int]:
@@ -160,8 +156,37 @@ def _least_way_back(displacement: Array) -> float:
     return float(np.clip(OF_SCATTER * scatter, low, high))
 
 
-def read_measured(path: Path, layout: Layout = EMPTY) -> Measured:
+def read_measured(path: Path, layout: Layout = EMPTY, test: ShearTest | None = None) -> Measured:
     """Return the curve in a file.
+
+    A shear angle and a normalised shear force become displacement and force of the test.
+
+    Args:
+        path: The file.
+        layout: What the user says of it.
+        test: The test that was made; None if it is neither a bias extension nor a picture frame.
+
+    Raises:
+        CaseError: With file, line and remedy.
+    """
+    reading = read_curve(path, layout)
+    x, y = reading.values[reading.over], reading.values[reading.of]
+    if (reading.over, reading.of) != (OVER[0], OF[0]):
+        if test is None:
+            raise case_error(str(path), *_no_shear_test(reading), reading.table.header)
+        try:
+            angle = test.angle_at(x) if reading.over == "displacement" else x
+            if not (np.abs(angle) < np.pi / 2).all():
+                raise ValueError("shear angles must be between -90 and 90 degrees")
+            force = test.force_at(angle, y) if reading.of == "shear_force" else y
+            x, y = test.displacement_at(angle), force
+        except ValueError as error:
+            raise case_error(str(path), str(error)) from error
+    return Measured(path, x, y, reading.values.get("time"), reading)
+
+
+def read_curve(path: Path, layout: Layout = EMPTY) -> Reading:
+    """Return the columns of a curve in a file, as they are there.
 
     Args:
         path: The file.
@@ -171,81 +196,84 @@ def read_measured(path: Path, layout: Layout = EMPTY) -> Measured:
         CaseError: With file, line and remedy.
     """
     table = read_table(path, layout)
-    columns: dict[str, Column] = {}
+    columns = columns_of(table, layout)
+    over, of = (next(q for q in pair if q in columns) for pair in (OVER, OF))
     notes = list(table.notes)
-    for quantity in SI:
-        found = _column(quantity, table, layout, columns)
-        if found is not None:
-            columns[quantity] = found
     if not any(table.titles) and len(layout.columns) < 2:
         notes.append("The columns have no names: displacement and force are taken in this order.")
     values = {q: c.factor * table.column(c.number - 1) for q, c in columns.items()}
-    needed = np.isfinite(values["displacement"]) & np.isfinite(values["force"])
+    needed = np.isfinite(values[over]) & np.isfinite(values[of])
     if "time" in values and not np.isfinite(values["time"][needed]).all():
         column = columns.pop("time")
         notes.append(f"Column {column.number} ({short(column.title)!r}) is no time in numbers.")
-    skipped = _skipped(table, columns, needed)
-    u, force = values["displacement"][needed], values["force"][needed]
+    skipped = _skipped(table, columns, (over, of), needed)
+    values = {q: values[q][needed] for q in columns}
     lines = np.array([row.line for row in table.rows])[needed]
-    time = values["time"][needed] if "time" in columns else None
-    if len(u) < FEWEST:
+    if len(lines) < FEWEST:
         line = table.rows[-1].line
-        message = f"there are only {len(u)} rows of numbers"
+        message = f"there are only {len(lines)} rows of numbers"
         raise case_error(str(path), message, table.names, line)
+    time = values.get("time")
     if time is not None and (back := np.flatnonzero(np.diff(time) < 0)).size:
         line = int(lines[int(back[0]) + 1])
         remedy = "Name another column as the time, or say which rows to read."
         raise case_error(str(path), "times must increase", remedy, line)
-    if not np.ptp(u):
-        remedy = f"It is {columns['displacement']}: name another column. {table.names}"
-        raise case_error(str(path), "the displacement does not change", remedy)
-    reading = Reading(table, columns, lines, skipped, tuple(notes))
-    return Measured(path, u, force, time, reading)
+    if not np.ptp(values[over]):
+        remedy = f"It is {columns[over]}: name another column. {table.names}"
+        raise case_error(str(path), f"the {over} does not change", remedy)
+    return Reading(table, columns, values, lines, skipped, tuple(notes))
 
 
-def in_words(measured: Measured) -> list[str]:
+def _no_shear_test(reading: Reading) -> tuple[str, str]:
+    """Return message and remedy for an angle or a shear force of a test that is no shear test."""
+    name = reading.over if reading.over == "angle" else reading.of
+    kind = "is an angle" if name == "angle" else "is a shear force per length"
+    title = short(reading.columns[name].title)
+    return (
+        f"{title!r} {kind}, which is compared in a bias extension (a rectangle at least twice as "
+        "long as wide, yarns at 45 degrees) or a picture frame",
+        "A fit does that where the case is one. Else give the travel of the grips or of the "
+        "crosshead, and its force.",
+    )
+
+
+def in_words(reading: Reading) -> list[str]:
     """Return lines that say how a curve was read and what is in it."""
-    reading = measured.reading
-    assert reading is not None
     table = reading.table
     groups = f", thousands separated by {table.thousands!r}" if table.thousands else ""
     header = "no names of columns" if table.header is None else f"names in line {table.header}"
+    between = f" separated by {SEPARATORS[table.separator]}" if table.separator else ""
     lines = [
-        f"text: {table.encoding}, {table.width} columns separated by "
-        f"{SEPARATORS[table.separator]}, decimal {NAMES[table.decimal]}{groups}, {header}",
+        f"{table.origin}, {table.width} columns{between}, decimal {NAMES[table.decimal]}{groups}, "
+        f"{header}",
         *(f"{quantity}: {column}" for quantity, column in reading.columns.items()),
         f"rows: {reading.rows}",
     ]
-    u, force = 1e3 * measured.displacement, measured.force
-    branches = measured.branches()
-    ends = [f"{u[0]:.4g}", *(f"{u[rows[-1]]:.4g}" for rows in branches)]
+    x, y = reading.values[reading.over], reading.values[reading.of]
+    unit, size = ("deg", np.degrees(1.0)) if reading.over == "angle" else ("mm", 1e3)
+    ends = [f"{size * x[at]:.4g}" for at in turns(x)]
     shown = ends if len(ends) < 13 else [*ends[:6], "...", *ends[-6:]]
-    lines.append(f"branches: {len(branches)} ({' to '.join(shown)} mm)")
-    peak = int(np.abs(force).argmax())
+    lines.append(f"branches: {len(ends) - 1} ({' to '.join(shown)} {unit})")
+    peak = int(np.abs(y).argmax())
     lines.append(
-        f"largest force: {force[peak]:.5g} N at {u[peak]:.4g} mm (line {reading.lines[peak]})"
+        f"largest force: {y[peak]:.5g} {SI[reading.of]} at {size * x[peak]:.4g} {unit} (line "
+        f"{reading.lines[peak]})"
     )
-    if measured.is_reversed:
-        lines.append(f"note: {reversed_force(measured)}")
+    if is_reversed(x, y):
+        lines.append(f"note: {reversed_force(reading)}")
     return [*lines, *(f"note: {note}" for note in reading.notes)]
 
 
-def reversed_force(measured: Measured) -> str:
+def reversed_force(reading: Reading | None) -> str:
     """Return in a sentence that the force has the wrong sign, and what to do."""
-    unit = measured.reading.columns["force"].unit if measured.reading else "N"
-    unit = unit if unit[:1].isalpha() else "N"
+    of = reading.of if reading else "force"
+    unit = reading.columns[of].unit if reading else "N"
+    unit = unit if unit[:1].isalpha() else SI[of]
     return (
         "the force is against the displacement: on the first branch its work is negative, which no "
         "sample at rest gives. If the machine counts pull as negative, say "
-        f"{said('units', 'force', f'-1 {unit}')}"
+        f"{said('units', of, f'-1 {unit}')}"
     )
-
-
-def said(what: str, quantity: str, value: str) -> str:
-    """Return how something is said of a file, in a fit file and on the command line."""
-    option = f"--{what} {quantity}={value}"
-    quoted = f"'{option}'" if " " in value else option
-    return f"'{what}: {{{quantity}: {value}}}' in a fit file, {quoted}"
 
 
 def _shown(cell: str) -> str:
@@ -253,7 +281,10 @@ def _shown(cell: str) -> str:
 
 
 def _skipped(
-    table: MeasuredTable, columns: dict[str, Column], needed: NDArray[np.bool_]
+    table: MeasuredTable,
+    columns: dict[str, Column],
+    quantities: tuple[str, str],
+    needed: NDArray[np.bool_],
 ) -> tuple[tuple[int, str], ...]:
     """Return the lines of rows that are skipped, each with the cell that is no number.
 
@@ -263,7 +294,7 @@ def _skipped(
     found = []
     for i in np.flatnonzero(~needed):
         row = table.rows[i]
-        for quantity in ("displacement", "force"):
+        for quantity in quantities:
             at = columns[quantity].number - 1
             if not np.isfinite(table.column_value(row, at)):
                 found.append((row.line, quantity, at, row.cell(at)))
@@ -278,166 +309,3 @@ def _skipped(
         )
         raise case_error(str(table.file), message + many, remedy, line)
     return tuple((line, cell) for line, _, _, cell in found)
-
-
-def _column(
-    quantity: str, table: MeasuredTable, layout: Layout, others: dict[str, Column]
-) -> Column | None:
-    """Return the column of a quantity; None for a time that is not there."""
-    given, unit = layout.columns.get(quantity), layout.units.get(quantity)
-    path, titles = str(table.file), table.titles
-    if given is not None:
-        at = _given(quantity, given, table)
-    else:
-        taken = {c.number - 1 for c in others.values()}
-        found = [i for i, t in enumerate(titles) if i not in taken and means(t, quantity)]
-        kinds = {i: _unit(table, i, quantity) for i in found}
-        fitting = [i for i in found if unit or _fits(kinds[i], quantity)]
-        if len(fitting) > 1 and not unit:  # one with a unit, if there is just one
-            fitting = [i for i in fitting if kinds[i] is not None] or fitting
-        if quantity == "time" and len(fitting) != 1:
-            return None
-        if not fitting and not any(titles) and table.width == 2:
-            fitting = [_in_order(quantity, table)]
-        if len(fitting) != 1:
-            raise _unknown(quantity, table, found, fitting)
-        at = fitting[0]
-    if unit is not None:
-        return Column(at + 1, titles[at], unit, _factor(quantity, unit, path))
-    written = _unit(table, at, quantity)
-    same = [u for u in units_in(titles[at], table.units[at]) if u.si == SI[quantity]]
-    if len({u.factor for u in same}) > 1:
-        texts = " and ".join(dict.fromkeys(repr(u.text) for u in same))
-        remedy = f"Say which: {said('units', quantity, same[0].text)}."
-        raise case_error(path, f"the header has several units of the {quantity}, {texts}", remedy)
-    if written is not None and written.si == SI[quantity]:
-        return Column(at + 1, titles[at], written.text, written.factor)
-    if quantity == "time":
-        return None
-    if written is not None:
-        raise case_error(path, *_other_kind(quantity, titles[at], written), table.header)
-    title = f"'{quantity}_{EXAMPLES[quantity]}'"
-    raise case_error(
-        path,
-        f"the header has no unit of the {quantity}",
-        f"Say it: {said('units', quantity, EXAMPLES[quantity])}, or {title} in the header.",
-        table.header,
-    )
-
-
-def _in_order(quantity: str, table: MeasuredTable) -> int:
-    """Return which of two columns without names a quantity is: by units, or in their order."""
-    for at in (0, 1):
-        unit = _unit(table, at, quantity)
-        if unit is not None and unit.si == SI[quantity]:
-            return at
-    return 0 if quantity == "displacement" else 1
-
-
-def _given(quantity: str, given: str | int, table: MeasuredTable) -> int:
-    """Return the number, from 0, of a column that the user names."""
-    path = str(table.file)
-    if isinstance(given, int):
-        if not 1 <= given <= table.width:
-            message = f"there is no column {given} for the {quantity}"
-            raise case_error(path, message, table.names, table.header)
-        return given - 1
-    word = given.strip().casefold()
-    for name in (str.casefold, lambda title: name_of(title).casefold()):
-        found = [i for i, title in enumerate(table.titles) if name(title).strip() == word]
-        if len(found) > 1:
-            numbers = ", ".join(str(i + 1) for i in found)
-            message = f"the columns {numbers} have the name {given!r}"
-            remedy = f"Give a number: {said('columns', quantity, str(found[0] + 1))}."
-            raise case_error(path, message, remedy, table.header)
-        if found:
-            return found[0]
-    message = f"there is no column {given!r} for the {quantity}"
-    raise case_error(path, message, table.names, table.header)
-
-
-def _unit(table: MeasuredTable, at: int, quantity: str) -> MeasuredUnit | None:
-    """Return the unit of a column: of the kind of a quantity if there is one, else another."""
-    found = list(units_in(table.titles[at], table.units[at]))
-    return next((u for u in found if u.si == SI[quantity]), next(iter(found), None))
-
-
-def _fits(unit: MeasuredUnit | None, quantity: str) -> bool:
-    return unit is None or unit.si == SI[quantity]
-
-
-def _factor(quantity: str, unit: str, path: str) -> float:
-    """Return how many SI units a unit is that the user gives, perhaps with a number."""
-    text = unit if unit.strip()[:1] in tuple("+-.0123456789") else f"1 {unit}"
-    known = {"kp": "kgf"}
-    text = " ".join(known.get(word, word) for word in text.split(" "))
-    try:
-        factor = units.parse(text, SI[quantity])
-        if not text.strip(" +-.0123456789eE"):
-            raise ValueError(f"{unit!r} without a unit")
-    except ValueError as error:
-        kind = units.kind(SI[quantity])
-        raise case_error(path, f"the unit of the {quantity} must be {kind}, got {error}") from error
-    if not factor:
-        raise case_error(path, f"the unit of the {quantity} must not be zero, got {unit!r}")
-    return factor
-
-
-def _unknown(
-    quantity: str, table: MeasuredTable, found: Sequence[int], fitting: Sequence[int]
-) -> Exception:
-    """Return the error of a quantity without a column, or with several."""
-    path, titles = str(table.file), table.titles
-    if not fitting and found:
-        unit = _unit(table, found[0], quantity)
-        assert unit is not None
-        return case_error(path, *_other_kind(quantity, titles[found[0]], unit), table.header)
-    if not fitting and quantity == "displacement":
-        for at, title in enumerate(titles):
-            unit = _unit(table, at, quantity)
-            if means_strain(title) or (unit is not None and unit.si == "an angle"):
-                kind = unit or MeasuredUnit("", "a ratio", 0.0)
-                return case_error(path, *_other_kind(quantity, title, kind), table.header)
-    which = "more than one column may be" if fitting else "no column is known as"
-    example = fitting[0] + 1 if fitting else min(table.width, 2)
-    named = f"{said('columns', quantity, str(example))}, or '{quantity}_{EXAMPLES[quantity]}'"
-    remedy = f"Name it: {named} in the header. {table.names}"
-    return case_error(path, f"{which} the {quantity}", remedy, table.header)
-
-
-def _other_kind(quantity: str, title: str, unit: MeasuredUnit) -> tuple[str, str]:
-    """Return message and remedy for a column whose unit does not measure its quantity."""
-    kinds = {"m": "a length", "N": "a force", "s": "a time"}
-    kind = kinds.get(unit.si, unit.si)
-    message = f"{short(title)!r} is {kind}, and no {'length' if quantity != 'force' else 'force'}"
-    match quantity, kind:
-        case "displacement", "a ratio":
-            remedy = (
-                "A strain times the length of the sample is a displacement: for per cent of 230 mm "
-                f"say {said('units', quantity, '2.3 mm')}, and name the column."
-            )
-        case "displacement", "an angle":
-            remedy = (
-                "An angle is no displacement of the machine: give the travel of the grips, of a "
-                "picture frame that of the crosshead, and its force."
-            )
-        case "force", "a force per length":
-            factor = units.in_si(unit.text.replace("gf", "force_gram").replace("kp", "kgf"))[0]
-            remedy = (
-                f"Times the width of the sample it is a force: for 100 mm say "
-                f"{said('units', quantity, f'{0.1 * factor:.6g} N')}."
-            )
-        case "force", "a force per area":
-            factor = units.in_si(unit.text)[0]
-            remedy = (
-                "Times the cross-section of the sample it is a force: for 100 mm by 0.5 mm say "
-                f"{said('units', quantity, f'{5e-5 * factor:.6g} N')}."
-            )
-        case "force", "a mass":
-            weight = {"g": "gf", "gr": "gf", "kg": "kgf", "oz": "ozf"}.get(unit.text.casefold())
-            weight = weight or "lbf"
-            remedy = f"If its weight is meant, say {said('units', quantity, weight)}."
-        case _:
-            say = said("units", quantity, EXAMPLES[quantity])
-            remedy = f"Name another column, or say the unit: {say}."
-    return message, remedy

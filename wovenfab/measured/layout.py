@@ -14,7 +14,7 @@ _ROWS = re.compile(r"\s*(?P<first>[0-9]{0,9})\s*(?P<dash>-)?\s*(?P<last>[0-9]{0,
 
 @dataclass(frozen=True)
 class Layout:
-    """Columns, units, rows and decimal sign of a file; what is not said is found out.
+    """Columns, units, rows, decimal sign and sheet of a file; what is not said is found out.
 
     Attributes:
         columns: Names or numbers (from 1) of columns by quantity, such as ``{"force": "Kraft"}``.
@@ -22,12 +22,14 @@ class Layout:
             ``2.3 mm`` one in the file is 2.3 mm.
         rows: First and last line of the file that may hold numbers, from 1; None for all.
         decimal: Decimal sign, point or comma; empty if the numbers tell.
+        sheet: Name of a sheet of a workbook; empty for that with the longest table.
     """
 
     columns: Mapping[str, str | int] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
     rows: tuple[int, int] | None = None
     decimal: str = ""
+    sheet: str = ""
 
 
 #: Nothing is said.
@@ -55,6 +57,7 @@ def layout_of_options(
     units: Sequence[str],
     rows: str | None,
     decimal: str | None,
+    sheet: str | None,
     quantities: Iterable[str],
 ) -> Layout:
     """Return the layout that options of the command line give.
@@ -64,6 +67,7 @@ def layout_of_options(
         units: Texts such as ``force=kN``.
         rows: As for :func:`rows_of`.
         decimal: ``point`` or ``comma``, or the sign itself.
+        sheet: Name of a sheet.
         quantities: Those that there are.
 
     Raises:
@@ -82,6 +86,7 @@ def layout_of_options(
         dict(_pairs("--units", units, quantities)),
         lines,
         "" if decimal is None else signs[decimal.strip()],
+        sheet or "",
     )
 
 

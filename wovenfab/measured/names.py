@@ -7,11 +7,12 @@ import unicodedata
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
+from math import radians
 
 from wovenfab.case import units
 
 #: SI units of the quantities of a curve.
-SI = {"displacement": "m", "force": "N", "time": "s"}
+SI = {"displacement": "m", "angle": "rad", "force": "N", "shear_force": "N/m", "time": "s"}
 #: Words by which their columns are known: English, German, French, Italian, Spanish.
 WORDS = {
     "displacement": (
@@ -25,12 +26,20 @@ WORDS = {
         *("force", "load", "kraft", "last", "effort", "charge", "forza", "carico", "fuerza"),
         *("carga", "zugkraft"),
     ),
+    "angle": ("angle", "winkel", "angolo", "ángulo"),
     "time": ("time", "zeit", "temps", "tempo", "tiempo"),
 }
+#: Words that, beside one of a force, name a normalised shear force (a force per length).
+NORMALISED = (
+    *("shear", "scher", "schub", "cisaillement", "taglio", "cizalla", "cizallamiento"),
+    *("normalised", "normalized", "normiert", "normalisé", "normalizzat", "normalizad"),
+)
 #: Symbols that are the whole name of a column.
 SYMBOLS = {
     "displacement": ("u", "s", "d", "dl", "δl", "∆l", "x", "disp"),
     "force": ("f", "p", "fx"),
+    "angle": ("\u03b3", "gamma"),
+    "shear_force": ("fsh", "f_sh"),
     "time": ("t",),
 }
 #: Words of strains, which are no displacements.
@@ -54,6 +63,16 @@ UNITS: dict[str, tuple[str, float]] = {
     **{"min": ("s", 60.0), "h": ("s", 3600.0)},
     **{"gf": ("N", _GRAVITY * 1e-3), "kgf": ("N", _GRAVITY), "kp": ("N", _GRAVITY)},
     **{"lbf": ("N", 4.4482216152605), "ozf": ("N", 4.4482216152605 / 16)},
+    **{"rad": ("rad", 1.0), "mrad": ("rad", 1e-3)},
+}
+UNITS |= dict.fromkeys(
+    ("°", "deg", "degree", "degrees", "grad", "degré", "degrés", "gradi", "grados"),
+    ("rad", radians(1.0)),
+)
+UNITS |= {
+    f"{force}/{length}": ("N/m", UNITS[force][1] / UNITS[length][1])
+    for force in ("N", "mN", "cN", "daN", "kN", "gf", "kgf", "lbf")
+    for length in ("m", "cm", "mm", "in")
 }
 UNITS |= {w: UNITS[unit] for unit, words in _WHOLE_UNITS.items() for w in words}
 _BRACKET = re.compile(r"[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]")
@@ -76,7 +95,7 @@ class MeasuredUnit:
 
     Attributes:
         text: As it is written.
-        si: Its SI unit: ``m``, ``N`` or ``s``; else what it measures in words.
+        si: Its SI unit, one of :data:`SI`; else what it measures in words.
         factor: How many of these it is; 0 where it measures something else.
     """
 
@@ -95,7 +114,11 @@ def fold(text: str) -> str:
 def means(title: str, quantity: str) -> bool:
     """Return whether a title names a quantity of a curve."""
     name = name_of(title)
-    return name.casefold() in SYMBOLS[quantity] or _has_word(name, WORDS[quantity])
+    if name.casefold() in SYMBOLS[quantity]:
+        return True
+    if quantity == "shear_force":
+        return _has_word(name, WORDS["force"]) and _has_word(name, NORMALISED)
+    return _has_word(name, WORDS[quantity])
 
 
 def means_strain(title: str) -> bool:
@@ -125,13 +148,11 @@ def unit_of(text: str) -> MeasuredUnit | None:
 
 @cache
 def foreign(text: str) -> MeasuredUnit | None:
-    """Return a unit that measures neither length nor force nor time, or an unusual one."""
+    """Return a unit that no quantity of a curve has, or an unusual one."""
     bare = unicodedata.normalize("NFKC", text).strip().strip("[](){}<> ").strip()
     bare = bare.replace("\u03bc", "u")
     if bare in ("%", "\u2030", "-", "1") or re.fullmatch(r"m+/m+|%.*", bare):
         return MeasuredUnit(bare, "a ratio", 0.0)
-    if bare.casefold() in ("°", "deg", "grad", "degree", "degrees", "rad", "degre", "gradi"):
-        return MeasuredUnit(bare, "an angle", 0.0)
     if bare.casefold() in ("g", "kg", "lb", "lbs", "oz", "gr"):
         return MeasuredUnit(bare, "a mass", 0.0)
     if not re.fullmatch(r"[^\W\d_]{1,6}(\s*[/*·^.]?\s*[^\W\d_]{1,6}[²³]?|\^?-?[23²³])*", bare):

@@ -1,4 +1,4 @@
-"""The table of numbers in a measured file: its separator, its header and its rows.
+"""The table of numbers in a measured file: its header and its rows.
 
 A file may begin with a report and with other tables. The table that counts is the longest block of
 rows with numbers; its header is what stands above it, up to the block before.
@@ -6,10 +6,9 @@ rows with numbers; its header is what stands above it, up to the block before.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case.errors import case_error
+from wovenfab.measured.cells import Cells, MeasuredRow, read_bytes
 from wovenfab.measured.layout import Layout
 from wovenfab.measured.names import is_unit, unit_of
 from wovenfab.measured.numbers import (
@@ -27,16 +27,13 @@ from wovenfab.measured.numbers import (
     evidence,
     is_number,
     number,
-    plain,
     thousands,
 )
-from wovenfab.measured.text import DecodedText, read_text
+from wovenfab.measured.text import BLANKS, SEPARATORS, cells_of_text
+from wovenfab.measured.workbook import cells_of_workbook, is_workbook
 
 Array = NDArray[np.float64]
-BLANKS = " "
-#: How cells may be separated, with names for people.
-SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", BLANKS: "blanks"}
-#: Lines by which the separator is found: all of the first ones, and as many spread over the rest.
+#: Rows that tell the usual number of numbers in a row.
 SAMPLE = 300
 #: Fewest rows of a second table that is asked for, and its size over that of the longest one.
 SECOND, COMPARABLE = 3, 0.5
@@ -49,30 +46,13 @@ _MISSING = re.compile(
 
 
 @dataclass(frozen=True)
-class MeasuredRow:
-    """A line of a file.
-
-    Attributes:
-        line: Its number, from 1.
-        cells: Its cells.
-    """
-
-    line: int
-    cells: tuple[str, ...]
-
-    def cell(self, at: int) -> str:
-        """Return the cell of a column, from 0; empty where the line has no such column."""
-        return self.cells[at] if at < len(self.cells) else ""
-
-
-@dataclass(frozen=True)
 class MeasuredTable:
     """The numbers of a file, not yet understood.
 
     Attributes:
         file: The file.
-        encoding: Of its text.
-        separator: Of the cells.
+        origin: What its cells are from, in words.
+        separator: Of the cells; empty in a workbook.
         decimal: Decimal sign.
         thousands: What separates thousands; empty if nothing does.
         titles: Names of the columns, perhaps empty; one for each.
@@ -83,7 +63,7 @@ class MeasuredTable:
     """
 
     file: Path
-    encoding: str
+    origin: str
     separator: str
     decimal: str
     thousands: str
@@ -141,12 +121,8 @@ def read_table(path: Path, layout: Layout) -> MeasuredTable:
     Raises:
         CaseError: With file and line: no numbers, or several readings.
     """
-    text = read_text(path)
-    separator = _separator(text)
-    rows = [
-        MeasuredRow(n, tuple(_cells(line, separator))) for n, line in enumerate(text.lines, start=1)
-    ]
-    blocks, footer = _blocks(rows)
+    cells, blocks, footer, unread = _longest(_sheets(path, layout))
+    separator = cells.separator
     if layout.rows:
         first, last = layout.rows
         blocks = [b for b in (_within(b, first, last) for b in blocks) if b.count]
@@ -156,15 +132,16 @@ def read_table(path: Path, layout: Layout) -> MeasuredTable:
         remedy = "Name the lines with numbers." if where else remedy
         raise case_error(str(path), f"there is no row with two numbers{where}", remedy)
     block, notes = _chosen(blocks, path, layout)
+    notes += unread
     if not layout.rows:
         notes += _without_summary(block)
     if block.headers:
         notes.append(f"Lines that repeat the header are skipped: {_listed(block.headers)}.")
     width = max(len(row.cells) for row in block.rows)
     title = _title_row(block, separator)
-    decimal = layout.decimal or _decimal(block, separator, text, path, width)
+    decimal = layout.decimal or _decimal(block, separator, path, width)
     titles = _titles(title, separator, width, path, layout, block)
-    data, note = _without_cut_number(block.rows, text, decimal)
+    data, note = _without_cut_number(block.rows, cells, decimal)
     columns = [[row.cell(at) for row in data] for at in range(width)]
     groups = {sign for cells in columns if (sign := thousands(cells, decimal))}
     # Units stand below the names, sometimes above them or below the table.
@@ -177,9 +154,36 @@ def read_table(path: Path, layout: Layout) -> MeasuredTable:
     )
     head = None if title is None else title.line
     return MeasuredTable(
-        path, text.encoding, separator, decimal, " or ".join(sorted(groups)), titles, units,
+        path, cells.origin, separator, decimal, " or ".join(sorted(groups)), titles, units,
         head, tuple(data), (*notes, *note),
     )  # fmt: skip
+
+
+def _sheets(path: Path, layout: Layout) -> tuple[Cells, ...]:
+    """Return the cells of a text, or of each sheet of a workbook that counts."""
+    raw = read_bytes(path)
+    if is_workbook(path, raw):
+        return cells_of_workbook(path, raw, layout.sheet)
+    if layout.sheet:
+        message = f"there is no sheet {layout.sheet!r}: this is no workbook"
+        raise case_error(str(path), message, "Leave out 'sheet' or --sheet.")
+    return (cells_of_text(path, raw),)
+
+
+def _longest(
+    sheets: Sequence[Cells],
+) -> tuple[Cells, list[_Block], list[MeasuredRow], list[str]]:
+    """Return the cells with the longest block, their blocks and last lines, and notes on others."""
+    found = [(cells, *_blocks(cells.rows)) for cells in sheets]
+    counts = [max((block.count for block in blocks), default=0) for _, blocks, _ in found]
+    most = counts.index(max(counts))
+    notes = [
+        f"The sheet {cells.sheet!r} ({count} rows of numbers) is not read: 'sheet' in a fit file "
+        "or --sheet names another one."
+        for i, (cells, count) in enumerate(zip(sheets, counts, strict=True))
+        if i != most and count > COMPARABLE * counts[most]
+    ]
+    return *found[most], notes
 
 
 def _listed(lines: Sequence[int]) -> str:
@@ -195,39 +199,6 @@ def is_missing(cell: str) -> bool:
 def short(text: str) -> str:
     """Return a text of at most 40 characters."""
     return text if len(text) <= 40 else f"{text[:37]}..."
-
-
-def _separator(text: DecodedText) -> str:
-    """Return the separator with which the most characters are in cells with numbers."""
-    lines = [line for line in text.lines if line.strip()]
-    step = max(1, (len(lines) - SAMPLE) // SAMPLE)
-    sample = [*lines[:SAMPLE], *lines[SAMPLE::step]]
-
-    def covered(separator: str) -> int:
-        count = 0
-        for line in sample:
-            if separator not in line and separator != BLANKS:
-                continue
-            found = [cell for cell in _cells(line, separator) if is_number(cell)]
-            if len(found) > 1:
-                count += sum(len(cell.replace(" ", "")) for cell in found)
-        return count
-
-    return max(SEPARATORS, key=covered)
-
-
-def _cells(line: str, separator: str) -> Iterator[str]:
-    if separator == BLANKS:
-        # Only blanks and tabs: others, which do not break a line, separate thousands.
-        parts = re.split(r"[ \t]+", line.strip(" \t"))
-    elif '"' in line:
-        try:
-            parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
-        except csv.Error:
-            parts = line.split(separator)
-    else:
-        parts = line.split(separator)
-    return map(plain, parts)
 
 
 def _blocks(rows: Sequence[MeasuredRow]) -> tuple[list[_Block], list[MeasuredRow]]:
@@ -392,7 +363,7 @@ def _joined(cells: Sequence[str], width: int) -> list[str]:
     return found if len(found) == width else []
 
 
-def _decimal(block: _Block, separator: str, text: DecodedText, path: Path, width: int) -> str:
+def _decimal(block: _Block, separator: str, path: Path, width: int) -> str:
     """Return the decimal sign that all columns settle together."""
     found = evidence([[row.cell(at) for row in block.rows] for at in range(width)])
     if found.decimal:
@@ -409,7 +380,7 @@ def _decimal(block: _Block, separator: str, text: DecodedText, path: Path, width
     assert found.either is not None
     i, cell = found.either
     row = block.rows[i]
-    if separator == COMMA and '"' not in text.lines[row.line - 1]:
+    if separator == COMMA and not row.quoted:
         return POINT  # where commas separate cells, decimals have points
     readings = " or ".join(
         f"{number(cell, sign):g} with a decimal {name}" for sign, name in NAMES.items()
@@ -420,7 +391,7 @@ def _decimal(block: _Block, separator: str, text: DecodedText, path: Path, width
 
 
 def _without_cut_number(
-    rows: Sequence[MeasuredRow], text: DecodedText, decimal: str
+    rows: Sequence[MeasuredRow], cells: Cells, decimal: str
 ) -> tuple[Sequence[MeasuredRow], list[str]]:
     """Return rows without a last one whose last number is cut, and a sentence on that.
 
@@ -428,7 +399,7 @@ def _without_cut_number(
     other numbers of its column, which have the same number of decimals.
     """
     last = rows[-1]
-    if not text.cut or last.line != len(text.lines) or len(rows) < 2 * SECOND:
+    if not cells.cut or last.line != len(cells.rows) or len(rows) < 2 * SECOND:
         return rows, []
     at = len(last.cells) - 1
     counts = {decimals(row.cell(at), decimal) for row in rows[:-1] if is_number(row.cell(at))}

@@ -1,18 +1,23 @@
-"""The text of a measured file, whatever its encoding."""
+"""The cells of a measured text, whatever its encoding and separator."""
 
 from __future__ import annotations
 
+import csv
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wovenfab.case.errors import case_error
+from wovenfab.measured.cells import Cells, MeasuredRow
+from wovenfab.measured.numbers import is_number, plain
 
-#: Largest file (bytes).
-LARGEST = 50_000_000
+BLANKS = " "
+#: How cells may be separated, with names for people.
+SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", BLANKS: "blanks"}
+#: Lines by which the separator is found: all of the first ones, and as many spread over the rest.
+SAMPLE = 300
 #: First bytes of files that are no text, and what they are.
 OTHERS = {
-    b"PK\x03\x04": "a workbook (XLSX, ODS) or an archive",
     b"\xd0\xcf\x11\xe0": "an old Excel workbook (XLS)",
     b"%PDF": "a PDF",
 }
@@ -28,36 +33,16 @@ MARKS = {
 ZEROS = 0.7
 
 
-@dataclass(frozen=True)
-class DecodedText:
-    """The lines of a file.
+def cells_of_text(path: Path, raw: bytes) -> Cells:
+    """Return the cells of a text.
 
-    Attributes:
-        lines: All lines; the first one has the number 1.
-        encoding: How they were decoded.
-        cut: Whether the last line has no end, as in a file whose writing was interrupted.
-    """
-
-    lines: tuple[str, ...]
-    encoding: str
-    cut: bool
-
-
-def read_text(path: Path) -> DecodedText:
-    """Return the text of a file.
+    Args:
+        path: The file, for messages.
+        raw: What is in it.
 
     Raises:
-        CaseError: It cannot be read, is too large or is no text.
+        CaseError: It is no text.
     """
-    try:
-        with path.open("rb") as file:
-            raw = file.read(LARGEST + 1)
-        if len(raw) > LARGEST:
-            raise case_error(str(path), "this is too large for a measured file (more than 50 MB)")
-    except OSError as error:
-        raise case_error(str(path), f"the file cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise case_error(str(path), "the file cannot be read: its name is not possible") from error
     for start, kind in OTHERS.items():
         if raw.startswith(start):
             remedy = "Save the table as CSV (in Excel: Save As, CSV UTF-8), and name that file."
@@ -70,8 +55,12 @@ def read_text(path: Path) -> DecodedText:
     if not text.strip():
         raise case_error(str(path), "the file is empty")
     lines = re.split(r"\r\n|\n|\r", text)
-    cut = bool(lines[-1].strip())
-    return DecodedText(tuple(lines), encoding, cut)
+    separator = _separator(lines)
+    rows = tuple(
+        MeasuredRow(number, tuple(_cells(line, separator)), '"' in line)
+        for number, line in enumerate(lines, start=1)
+    )
+    return Cells(f"text: {encoding}", rows, separator, cut=bool(lines[-1].strip()))
 
 
 def _encoding(raw: bytes) -> str:
@@ -89,3 +78,36 @@ def _encoding(raw: bytes) -> str:
             continue
         return encoding
     return "latin-1"
+
+
+def _separator(text: Sequence[str]) -> str:
+    """Return the separator with which the most characters are in cells with numbers."""
+    lines = [line for line in text if line.strip()]
+    step = max(1, (len(lines) - SAMPLE) // SAMPLE)
+    sample = [*lines[:SAMPLE], *lines[SAMPLE::step]]
+
+    def covered(separator: str) -> int:
+        count = 0
+        for line in sample:
+            if separator not in line and separator != BLANKS:
+                continue
+            found = [cell for cell in _cells(line, separator) if is_number(cell)]
+            if len(found) > 1:
+                count += sum(len(cell.replace(" ", "")) for cell in found)
+        return count
+
+    return max(SEPARATORS, key=covered)
+
+
+def _cells(line: str, separator: str) -> Iterator[str]:
+    if separator == BLANKS:
+        # Only blanks and tabs: others, which do not break a line, separate thousands.
+        parts = re.split(r"[ \t]+", line.strip(" \t"))
+    elif '"' in line:
+        try:
+            parts = next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])
+        except csv.Error:
+            parts = line.split(separator)
+    else:
+        parts = line.split(separator)
+    return map(plain, parts)

@@ -21,6 +21,8 @@ from wovenfab.record.loop import Loop, work_per_area
 from wovenfab.record.shear_curve import measured_angle, shear_curve, shear_figures
 
 Values = NDArray[np.float64]
+#: Least angle over the largest one from which a loading begins, at most; as much may it go back.
+START = 0.1
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,45 @@ class BiasExtension:
     zone: str | None = None
     sign: float = 1.0
     name: ClassVar[str] = "bias-extension"
+
+    def angle_at(self, displacement: Values) -> Values:
+        """Return the shear angle in the centre (rad) at displacements of the program (m)."""
+        return self.shear_angle(self.jaws.travel(displacement))
+
+    def displacement_at(self, angle: Values) -> Values:
+        """Return the displacement of the program (m) at shear angles in the centre (rad).
+
+        It is the inverse of :meth:`angle_at`.
+        """
+        span = self.jaws.distance - self.jaws.width
+        elongation = span * (sqrt(2) * np.cos(pi / 4 - np.asarray(angle) / 2) - 1)
+        return np.asarray((elongation - self.jaws.offset) / self.jaws.factor, dtype=np.float64)
+
+    def force_at(self, angle: Values, shear_force: Values) -> Values:
+        """Return the force conjugate to the program (N) of a normalised shear force (N/m).
+
+        It is the inverse of :meth:`shear_force`: what both zones take, at gamma and at gamma/2.
+        So the angles must be those of one loading from about zero; they may scatter.
+
+        Args:
+            angle: gamma (rad), shape (n,), in the order of time.
+            shear_force: F_sh (N/m), shape (n,).
+
+        Raises:
+            ValueError: The angles begin too late or go back.
+        """
+        most = float(np.max(angle))
+        if angle[0] > START * most or angle[-1] < (1 - START) * most:
+            raise ValueError(
+                "the normalised shear force of a bias extension gives the force for one loading "
+                "from zero, as it needs that at half of each angle; for a cycle give the force"
+            )
+        order = np.argsort(angle, kind="stable")
+        half, h, w = angle / 2, self.jaws.distance, self.jaws.width
+        at_half = np.interp(half, angle[order], shear_force[order])
+        work = (2 * h - 3 * w) * np.cos(angle) * shear_force + w * np.cos(half) * at_half
+        tension = work / ((h / w - 1) * (np.cos(half) - np.sin(half)))
+        return np.asarray(self.jaws.factor * tension)
 
     def shear_angle(self, elongation: Values) -> Values:
         """Return gamma = 90 deg - 2 acos((L0 + d) / (sqrt(2) L0)) in the central zone (rad).
@@ -82,7 +123,7 @@ class BiasExtension:
         The force is NaN on a branch that neither begins nor ends at zero: the zones beside the
         centre have half the angle, and what the force was there is then not known.
         """
-        angle = self.shear_angle(self.jaws.travel(history["displacement_m"]))
+        angle = self.angle_at(history["displacement_m"])
         tension = self.jaws.force(history["force_N"])
         work = work_per_area(history, self.jaws.area)
         force, branches = np.full_like(angle, np.nan), Loop(angle, tension, work).branches

@@ -40,9 +40,19 @@ class PictureFrame:
         cosine = 1 / np.sqrt(2) + np.asarray(travel) / (2 * self.length)
         return np.where(np.abs(cosine) <= 1, cosine, np.nan)
 
-    def shear_angle(self, travel: Values) -> Values:
+    def angle_at(self, travel: Values) -> Values:
         """Return gamma = 90 deg - 2 acos(1/sqrt(2) + d/(2 L)) (rad) at travels d (m)."""
         return np.asarray(np.pi / 2 - 2 * np.arccos(self._cosine(travel)))
+
+    def displacement_at(self, angle: Values) -> Values:
+        """Return the travel of the crosshead (m) at shear angles (rad)."""
+        cosine = np.cos(np.pi / 4 - np.asarray(angle) / 2)
+        return np.asarray(2 * self.length * (cosine - 1 / np.sqrt(2)))
+
+    def force_at(self, angle: Values, shear_force: Values) -> Values:
+        """Return the force of the crosshead (N) of a normalised shear force (N/m)."""
+        opened = 2 * np.cos(np.pi / 4 - angle / 2)
+        return np.asarray(shear_force * opened * self.area / self.length)
 
     def shear_force(self, travel: Values, force: Values) -> Values:
         """Return the normalised shear force F L / (2 cos(phi) A), N/m.
@@ -60,7 +70,7 @@ class PictureFrame:
         """Return normalised shear force against shear angle."""
         travel = history["displacement_m"]
         force = self.shear_force(travel, history["force_N"])
-        return Loop(self.shear_angle(travel), force, work_per_area(history, self.area))
+        return Loop(self.angle_at(travel), force, work_per_area(history, self.area))
 
     def figures(self, history: Columns) -> dict[str, Figure]:
         """Return the figures of its curve; see ``StandardTest``."""

@@ -326,7 +326,7 @@ def _shear(
     force if the way to the reversal does not begin at rest or turns in between.
     """
     way = window(history, cycle.start, cycle.peak_time)
-    angle = specimen.shear_angle(specimen.jaws.travel(way["displacement_m"]))
+    angle = specimen.angle_at(way["displacement_m"])
     ascending = abs(angle[0]) < 1e-9 and bool((np.diff(angle) > 0).all())
     tension = specimen.jaws.force(way["force_N"])
     force = float(specimen.shear_force(angle, tension)[-1]) if ascending else None

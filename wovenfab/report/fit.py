@@ -171,8 +171,10 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
     for i, (test, c) in enumerate(pairs):
         measured, colour = test.measured, f"C{i}"
-        x, y = 1e3 * measured.displacement, unit.factor * measured.force
-        axes.plot(x, y, "o", color=QUIET, markersize=3, markerfacecolor="none")
+        for one in test.replicates.specimens:
+            points = (1e3 * one.displacement, unit.factor * one.force)
+            axes.plot(*points, "o", color=QUIET, markersize=3, markerfacecolor="none")
+        x = 1e3 * measured.displacement
         axes.plot(x[c.rows], unit.factor * c.force, color=colour, label=measured.file.stem)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel(f"force ({unit.name})")

@@ -5,11 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, PlainSerializer, ValidationError, ValidationInfo
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    ValidationError,
+    ValidationInfo,
+)
 from pydantic_core import PydanticCustomError
 
 from wovenfab.case import Case, CaseError, read_case, units
@@ -24,14 +33,21 @@ from wovenfab.case.errors import (
     value_error,
 )
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
-from wovenfab.case.quantities import Length, Section, Several
+from wovenfab.case.quantities import Count, Length, Quantity, Section, Several
+from wovenfab.case.specimen import shear_test_of
 from wovenfab.forms.effect import Target
+from wovenfab.measured.correction import Correction, corrected
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
+from wovenfab.measured.replicates import Replicates, replicates_of
+from wovenfab.measured.workbook import SUFFIXES
 
+Array = NDArray[np.float64]
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
 #: displacement and force of the machine where the sample has none.
 MACHINE = {"compliance": "m/N", "displacement": "m", "force": "N"}
+#: Names of measured files.
+MEASURED = (".csv", ".tsv", ".txt", ".dat", *SUFFIXES)
 #: A parameter, perhaps of one family, or a coefficient of its formula.
 _PARAMETER = re.compile(
     r"(?P<parameter>\w+)(?:\[(?P<family>[^]]*)\])?(?:#(?P<coefficient>[1-9]\d?))?"
@@ -71,10 +87,25 @@ def _lines(value: Any) -> tuple[int, int] | None:
         ) from None
 
 
+_Number = Annotated[int, Count(least=0, most=1_000_000)]
+_Force = Annotated[float, Quantity(unit="N", least=0.0)]
 _Rows = Annotated[
     tuple[int, int] | None,
     BeforeValidator(_lines, json_schema_input_type=str),
     PlainSerializer(lambda r: None if r is None else f"{r[0]}-{r[1]}"),
+]
+
+
+def _measured_files(value: Any, info: ValidationInfo) -> tuple[Path, ...]:
+    """Return the paths of one measured file or of a list of them."""
+    names = value if isinstance(value, list | tuple) else [value]
+    return tuple(existing_file(name, folder_of(info), MEASURED) for name in names)
+
+
+_Files = Annotated[
+    tuple[Path, ...],
+    BeforeValidator(_measured_files, json_schema_input_type=str | list[str]),
+    PlainSerializer(lambda paths: [*map(str, paths)]),
 ]
 
 
@@ -84,8 +115,14 @@ class Columns(Section):
     displacement: str | int | None = Field(default=None, examples=["Weg"])
     """Name or number (from 1)."""
 
+    angle: str | int | None = Field(default=None, examples=["Scherwinkel"])
+    """Name or number (from 1), in place of the displacement."""
+
     force: str | int | None = Field(default=None, examples=["Kraft"])
     """Name or number (from 1)."""
+
+    shear_force: str | int | None = Field(default=None, examples=["normierte Scherkraft"])
+    """Name or number (from 1), in place of the force."""
 
     time: str | int | None = Field(default=None, examples=["Zeit"])
     """Name or number (from 1)."""
@@ -97,8 +134,14 @@ class Units(Section):
     displacement: str | None = Field(default=None, examples=["mm"])
     """A length."""
 
+    angle: str | None = Field(default=None, examples=["deg"])
+    """An angle."""
+
     force: str | None = Field(default=None, examples=["N"])
     """A force."""
+
+    shear_force: str | None = Field(default=None, examples=["N/mm"])
+    """A force per length."""
 
     time: str | None = Field(default=None, examples=["s"])
     """A time."""
@@ -113,10 +156,8 @@ class Test(Section):
     set: Mapping[str, Any] = Field(default={}, examples=[{"sheet.length": "230 mm"}])
     """Values that replace those of the case, by dotted key."""
 
-    measured: _text_file(".csv", ".tsv", ".txt", ".dat") = Field(  # type: ignore[valid-type]
-        examples=["sample.csv"]
-    )
-    """The measured file."""
+    measured: _Files = Field(min_length=1, examples=["sample.csv"])
+    """The measured file, or a list of those of several specimens, which replicate the test."""
 
     columns: Columns = Columns()
     """Its columns."""
@@ -130,12 +171,29 @@ class Test(Section):
     decimal: Literal["", ".", ","] = Field(default="", examples=[","])
     """Its decimal sign, where the numbers do not tell."""
 
+    sheet: str = Field(default="", examples=["Specimen 1"])
+    """Its sheet, if it is a workbook; that with the most rows of numbers unless given."""
+
+    drift: _Number = Field(default=0, examples=[20])
+    """Rows at each end of the record at which the sample is without force: in between the zero of
+    the force drifts evenly."""
+
+    zero: _Number = Field(default=0, examples=[20])
+    """Rows at rest at the start, whose mean force and displacement become zero."""
+
+    preload: _Force = 0.0
+    """Displacements count from where the force first reaches this; rows before are left out."""
+
+    cycle: _Number = Field(default=0, examples=[5])
+    """The only cycle that counts, from 1; it is compared with the last one of the program."""
+
     error: Annotated[
         tuple[float, bool],
         BeforeValidator(_share_or_force, json_schema_input_type=str),
         PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
     ] = Field(default=(0.01, True), examples=["1 %"])
-    """Standard error of a measured force, in N or of the largest force."""
+    """Standard error of a measured force, in N or of the largest force; of replicates the least
+    one of their mean."""
 
     weight: float = Field(default=1.0, gt=0.0, examples=[2.0])
     """Weight of the test beside others."""
@@ -213,17 +271,38 @@ class MeasuredTest:
 
     Attributes:
         case: Its case.
-        measured: Its curve.
-        error: Standard error of a force, N.
+        replicates: Its curves.
+        error: Standard error of a force, N; of replicates the least one of their mean.
         weight: Its weight.
         toe: Displacement (m) below which points are left out.
     """
 
     case: Case
-    measured: Measured
+    replicates: Replicates
     error: float
     weight: float
     toe: float
+
+    @property
+    def measured(self) -> Measured:
+        """The curve that is fitted: the mean of replicates."""
+        return self.replicates.mean
+
+    @cached_property
+    def errors(self) -> Array:
+        """Standard error of each force, N, shape (rows,).
+
+        That of the mean of replicates, and the stated error at least: the scatter of a few
+        specimens is small by chance at some rows, which would then outweigh all others, and what
+        the machine errs is the same in all specimens.
+        """
+        return np.maximum(self.replicates.error, self.error)
+
+    @property
+    def factors(self) -> Array:
+        """What makes a residual of the distance of a force, 1/N, shape (rows,)."""
+        factors: Array = np.sqrt(self.weight) / self.errors
+        return factors
 
 
 @dataclass(frozen=True)
@@ -296,10 +375,14 @@ def read_fit(path: Path) -> Fit:
 def _test(test: Test) -> MeasuredTest:
     case = read_case(test.case, dict(test.set))
     columns, units = (s.model_dump(exclude_none=True) for s in (test.columns, test.units))
-    measured = read_measured(test.measured, Layout(columns, units, test.rows, test.decimal))
+    layout = Layout(columns, units, test.rows, test.decimal, test.sheet)
+    specimen = shear_test_of(case)
+    correction = Correction(test.drift, test.zero, test.preload, test.cycle)
+    curves = [corrected(read_measured(f, layout, specimen), correction) for f in test.measured]
+    replicates = replicates_of(curves)
     number, share = test.error
-    error = number * float(abs(measured.force).max()) if share else number
-    return MeasuredTest(case, measured, error, test.weight, test.toe)
+    error = number * float(abs(replicates.mean.force).max()) if share else number
+    return MeasuredTest(case, replicates, error, test.weight, test.toe)
 
 
 def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:

@@ -209,14 +209,14 @@ def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
     noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
     runs, expected, probability = sign_runs(distance)
     loading = rows <= test.measured.branches()[0][-1]
-    near = np.flatnonzero(np.abs(distance[loading]) <= 2 * test.error)
+    near = np.flatnonzero((np.abs(distance) <= 2 * test.errors[rows])[loading])
     u = test.measured.displacement[rows[loading]]
     first = 0 if not near.size else int(near[-1]) + 1
     part_at = float(u[first]) if first < u.size else None
     angle, sample = np.nan, bias_extension_of(test.case)
     if sample is not None and u.size:
         end = float(u[-1]) if part_at is None else part_at
-        angle = float(sample.shear_angle(sample.jaws.travel(np.array(end))))
+        angle = float(sample.angle_at(np.array(end)))
     return Fidelity(
         comparison.misfit, noise / peak, runs, expected, probability,
         part_at, float(angle) if np.isfinite(angle) else None,

@@ -129,8 +129,8 @@ class Correction:
 
 def weights(fit: Fit, comparisons: Sequence[Comparison]) -> Array:
     """Return the error of a force over that with what steps do not resolve, by row, shape (n,)."""
-    pairs = zip(fit.tests, comparisons, strict=True)
-    return np.concatenate([t.error / np.hypot(t.error, c.unresolved) for t, c in pairs])
+    pairs = [(t.errors[c.rows], c) for t, c in zip(fit.tests, comparisons, strict=True)]
+    return np.concatenate([errors / np.hypot(errors, c.unresolved) for errors, c in pairs])
 
 
 class Objective:
@@ -225,10 +225,10 @@ class Objective:
             c = compared(
                 test.measured, curve, fit.unknowns, values, test.toe, reference, test.error
             )
-            factor = np.sqrt(test.weight) / test.error
+            factor = test.factors[c.rows]
             comparisons.append(c)
             residuals.append(factor * (c.force - c.measured))
-            rows.append(factor * c.slopes)
+            rows.append(factor[:, None] * c.slopes)
         jacobian = np.concatenate(rows) * self.slopes(values)
         return Evaluation(np.concatenate(residuals), jacobian, tuple(curves), tuple(comparisons))
 

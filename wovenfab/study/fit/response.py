@@ -29,7 +29,8 @@ from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.measured.curve import Measured, reversed_force, said
+from wovenfab.measured.columns import said
+from wovenfab.measured.curve import Measured, reversed_force
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -223,13 +224,15 @@ def compared(
     """
     if not np.ptp(curve.displacement):
         raise BranchError("the program has not moved yet: there is nothing to compare")
-    branches = measured.branches()
-    if len(branches) != len(curve.turns) - 1:
+    branches, turns = measured.branches(), curve.turns
+    if measured.cycle:  # of a longer record: the last one of the program is compared
+        turns = turns[-len(branches) - 1 :]
+    if len(branches) != len(turns) - 1:
         raise BranchError(
             f"{measured.file.name} has {len(branches)} branches of loading and unloading, the "
-            f"program has {len(curve.turns) - 1}; let the program reverse as often"
+            f"program has {len(turns) - 1}; let the program reverse as often"
         )
-    _check_signs(measured, curve)
+    _check_signs(measured, curve.displacement[list(turns[:2])])
     machine, fixed = (
         [given.get(f"machine.{name}", 0.0) for name in ("compliance", "displacement", "force")]
         for given in (values, reference)
@@ -241,8 +244,8 @@ def compared(
         chosen = rows if number == 0 else rows[1:]
         chosen = chosen[measured.displacement[chosen] >= toe]
         wanted += chosen.size
-        span = slice(curve.turns[number], curve.turns[number + 1] + 1)
-        low, high = np.sort(curve.displacement[list(curve.turns[number : number + 2])])
+        span = slice(turns[number], turns[number + 1] + 1)
+        low, high = np.sort(curve.displacement[list(turns[number : number + 2])])
         slack = 1e-3 * (high - low)
         chosen = chosen[(sample[chosen] >= low - slack) & (sample[chosen] <= high + slack)]
         parts.append(_along(measured, curve, span, chosen, unknowns, machine, error))
@@ -267,20 +270,24 @@ def compared(
     return Comparison(rows, forces, computed, slopes, uncertain, wanted - count, reach)
 
 
-def _check_signs(measured: Measured, curve: ResponseCurve) -> None:
+def _check_signs(measured: Measured, program: Array) -> None:
     """Refuse curves whose displacement or force has the other sign than the program's.
+
+    Args:
+        measured: The measured curve.
+        program: Displacements (m) between which the program goes first, shape (2,).
 
     Raises:
         BranchError: With what is to be said.
     """
     if measured.is_reversed:
-        raise BranchError(f"{measured.file.name}: {reversed_force(measured)}")
+        raise BranchError(f"{measured.file.name}: {reversed_force(measured.reading)}")
     u = measured.displacement[measured.branches()[0]]
-    goes = float(curve.displacement[curve.turns[1]] - curve.displacement[0])
+    goes = float(program[1] - program[0])
     if (u[-1] - u[0]) * goes < 0:
         raise BranchError(
             f"{measured.file.name}: the displacement first goes from {1e3 * u[0]:.4g} to "
-            f"{1e3 * u[-1]:.4g} mm, the program to {1e3 * curve.displacement[curve.turns[1]]:.4g} "
+            f"{1e3 * u[-1]:.4g} mm, the program to {1e3 * program[1]:.4g} "
             "mm. If the machine counts the other way, say "
             f"{said('units', 'displacement', '-1 mm')}, and maybe the same of the force"
         )

@@ -13,6 +13,7 @@ from wovenfab.record.results import write_whole
 from wovenfab.study.fit.fit_file import Fit, with_values
 from wovenfab.study.fit.identifiability import Identifiability
 from wovenfab.study.fit.search import Found, Profile
+from wovenfab.study.fit.specimens import SpecimenValues
 
 
 def write_result(
@@ -20,6 +21,7 @@ def write_result(
     found: Found,
     known: Identifiability,
     profiles: Sequence[Profile],
+    specimens: Sequence[SpecimenValues],
     notes: Sequence[str],
     directory: Path,
 ) -> None:
@@ -37,6 +39,7 @@ def write_result(
             for test, f in zip(fit.tests, known.fidelity, strict=True)
         ],
         "profiles": [_plain(asdict(one)) for one in profiles],
+        "specimens": [asdict(one) for one in specimens],
         "discretisation_error": found.error if isfinite(found.error) else None,
         "trials": [_plain(asdict(t)) for t in found.trials],
         "converged": found.converged,

@@ -133,9 +133,11 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
     first = objective.attempt(values, COARSE)
     if first is None:
         return values
-    pairs = list(zip(fit.tests, first.comparisons, strict=True))
-    upper = sum(float(c.force[c.resolved] @ c.measured[c.resolved]) / t.error**2 for t, c in pairs)
-    lower = sum(float(c.force[c.resolved] @ c.force[c.resolved]) / t.error**2 for t, c in pairs)
+    upper = lower = 0.0
+    for test, c in zip(fit.tests, first.comparisons, strict=True):
+        weighted = np.where(c.resolved, c.force / test.errors[c.rows] ** 2, 0.0)
+        upper += float(weighted @ c.measured)
+        lower += float(weighted @ c.force)
     factor = max(upper / lower, 1e-6) if lower else 1.0
     return values | {u.name: float(np.clip(u.start * factor, *u.bounds)) for u in free}
 
