@@ -119,7 +119,8 @@ def test_an_accuracy_is_obeyed_by_whatever_makes_steps(tmp_path: Path) -> None:
     told: list[str] = []
     targets = parameters_of(case)[:1]
     columns = sensitivities(case, targets, MPI.COMM_SELF, lambda _: None, told.append)
-    np.testing.assert_array_equal(columns["force_N"], run.history["force"])
+    # derivatives factorise at the solution, and later steps begin with that factor
+    np.testing.assert_allclose(columns["force_N"], run.history["force"], rtol=1e-10)
     assert told[0].startswith("chosen: degree ")
     with monkeypatched_measure() as measured:
         study(case, MPI.COMM_SELF, lambda _: None)
