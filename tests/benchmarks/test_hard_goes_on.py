@@ -18,7 +18,7 @@ SETTING = Setting(
     (
         "discretisation={degree: 2, mesh_size: 100 mm}",
         "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}",
-        "time.steps_per_cycle=12",
+        *("time.steps_per_cycle=12", "solver.factor=renewed"),
     ),
 )
 KILLED_AT = 8

@@ -70,7 +70,7 @@ REPEATED = "once more with twice the steps, for they cannot be made"
 
 def test_trials_of_an_elastic_sheet_whose_steps_cannot_be_made_are_not_repeated() -> None:
     """Its steps have no error, so that they are cut."""
-    few = "solver.max_iterations=2", "solver.predictor=none"
+    few = "solver.max_iterations=2", "solver.predictor=none", "solver.factor=renewed"
     ramp = "program={type: ramp, to: 80 mm, steps: 40}"
     case = case_of("elastic-1x3", *few, ramp, "accuracy=5 %", "discretisation=null", "time=null")
     chosen, lines = planned(case)

@@ -191,4 +191,4 @@ def test_a_scene_without_it_builds_nothing_of_it() -> None:
     plain = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"))
     assert (plain.friction_stresses, plain.friction_force, plain.loss) == ((), {}, {})
     assert len(sheet_with("slip_friction").friction_stresses) == 1
-    assert {e.law for e in effects()["slip_friction"].all_laws} == {"smooth", "coulomb"}
+    assert {e.law for e in effects()["slip_friction"].all_laws} >= {"smooth", "coulomb"}

@@ -60,6 +60,7 @@ _UNIT = rf"(?:1\s*/\s*)?{_FACTOR}(?:(?:\s*[*/·.]\s*|\s+){_FACTOR})*|°|%"
 _WITH_POWERS = re.compile(_UNIT.replace(r"-?\d", r"-?\d(?:\.\d+)?"))
 _QUANTITY = re.compile(rf"\s*(?P<number>{_NUMBER})\s*(?P<unit>{_UNIT})?\s*")
 _BARE_POWER = re.compile(r"(?<=[^\W\d_])(?=-?\d)")
+_DOT = re.compile(r"\.(?!\d)")  # a product, which not every pint reads
 
 #: The same as a pattern for editors, which know no named groups.
 PATTERN = rf"^\s*{_NUMBER}(\s*\S.*)?$"
@@ -212,7 +213,7 @@ def _in_base_units(unit: str) -> tuple[float, Any]:
 def _parsed(unit: str) -> Any:
     if unit and (len(unit) > LONGEST or not _WITH_POWERS.fullmatch(unit)):
         raise ValueError(unit)
-    return _registry().parse_units(_BARE_POWER.sub("^", unit))
+    return _registry().parse_units(_DOT.sub("*", _BARE_POWER.sub("^", unit)))
 
 
 @cache
