@@ -104,6 +104,7 @@ def test_the_log_keeps_what_a_compiler_without_libraries_wrote(tmp_path: Path) -
     assert "ld: cannot find crt1.o" in (tmp_path / "run.log").read_text()
 
 
+@pytest.mark.slow
 def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(tmp_path: Path) -> None:
     """The compiler has all that it needs, so it is a fault of the program."""
     ended = run(tmp_path, "-v", CC=program(tmp_path, NO_FORM))

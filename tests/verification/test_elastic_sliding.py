@@ -155,7 +155,9 @@ def test_derivatives_agree_with_differences(name: str, law: str, parameter: str)
     assert force < 1e-3 and lost < 1e-3
 
 
-@pytest.mark.parametrize("name", ["slip_friction", "spin_friction"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("slip_friction", marks=pytest.mark.slow), "spin_friction"]
+)
 def test_newton_needs_no_more_iterations_than_for_coulomb(name: str) -> None:
     slips = name == "slip_friction"
     strength, stiffness = (2e4, 1e8) if slips else (30.0, 1e3)
@@ -184,7 +186,11 @@ def test_a_stiff_spring_gives_the_loss_of_coulomb() -> None:
 
 @pytest.mark.parametrize(
     "friction",
-    [ELASTIC, {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"}, IWAN],
+    [
+        pytest.param(ELASTIC, marks=pytest.mark.slow),
+        {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"},
+        IWAN,
+    ],
     ids=["elastic", "growing", "iwan"],
 )
 def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
