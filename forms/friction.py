@@ -78,49 +78,68 @@ def sliding(stretch: Any, strength: Any, stiffness: Any) -> Any:
     return ufl.max_value(stretch - most, 0) + ufl.min_value(stretch + most, 0)
 
 
+#: Springs with sliders in parallel of the law that yields gradually. Its force differs from that of
+#: very many by zeta/(4 n^2) at most, 0.4 % of the strength; measured loops scatter by more.
+ELEMENTS = 8
+
+
 @dataclass(frozen=True)
 class ElasticSliding:
     """A friction that is elastic before it slides.
 
-    Each component of its measure has a spring (``stiffness``) in series with a slider
-    (``strength``): Jenkins's element (Iwan, J. Appl. Mech. 1966, doi:10.1115/1.3625199).
+    Each component of its measure has elements in parallel, each a spring in series with a slider
+    (Iwan, J. Appl. Mech. 1966, doi:10.1115/1.3625199). Springs are equal; strengths are spread
+    evenly, such that n elements have k and zeta in all: k/n, and zeta (2i - 1)/n^2 of the i-th.
+    One element bears k s up to zeta. Very many bear k s - (k s)^2/(4 zeta) up to s = 2 zeta/k.
 
     Attributes:
         components: Returns the components of the measure.
-        sliders: Names of the positions of the sliders, which are internal variables.
+        names: Of the positions of the sliders of each component.
         unit: SI unit of the measure.
+        elements: Number n of elements in parallel.
     """
 
     components: Callable[[Point], Sequence[Any]]
-    sliders: tuple[str, ...]
+    names: tuple[str, ...]
     unit: str
+    elements: int = 1
 
     def energy(self, point: Point, values: Values) -> Any:
         """Return the potential of a step (J/m^2), which is the energy of springs that hold."""
-        law = values["strength"], values["stiffness"]
-        return sum(elastic_potential(s, *law) for s in self._stretches(point, values))
+        return sum(
+            elastic_potential(measure - values[name], *self._law(i, values))
+            for measure, name, i in self._sliders(self.components(point))
+        )
 
     def lost(self, moved: Sequence[Any], values: Values) -> Any:
         """Return what the sliders lose (J/m^2) as they move to where they are after a step."""
-        pairs = zip(moved, self.sliders, strict=True)
-        return sum(values["strength"] * abs(m - values[name]) for m, name in pairs)
+        sliders = zip(moved, self._sliders(self.names), strict=True)
+        return sum(self._law(i, values)[0] * abs(m - values[name]) for m, (_, name, i) in sliders)
 
     def slide(self, number: int, now: Point, before: Point, values: Values, step: Any) -> Any:
         """Return the position of a slider after a step."""
-        stretch = self._stretches(now, values)[number]
-        moved = sliding(stretch, values["strength"], values["stiffness"])
-        return values[self.sliders[number]] + moved
+        measure, name, i = self._sliders(self.components(now))[number]
+        return values[name] + sliding(measure - values[name], *self._law(i, values))
 
     def memory(self) -> tuple[InternalVariable, ...]:
         """Return the internal variables."""
         return tuple(
-            InternalVariable(name, self.unit, "position of the slider", partial(self.slide, i))
-            for i, name in enumerate(self.sliders)
+            InternalVariable(name, self.unit, "position of the slider", partial(self.slide, number))
+            for number, (_, name, _) in enumerate(self._sliders(self.names))
         )
 
-    def _stretches(self, point: Point, values: Values) -> list[Any]:
-        pairs = zip(self.components(point), self.sliders, strict=True)
-        return [m - values[name] for m, name in pairs]
+    def _law(self, element: int, values: Values) -> tuple[Any, Any]:
+        """Return strength and stiffness of an element, counted from 0."""
+        n = self.elements
+        return values["strength"] * ((2 * element + 1) / n**2), values["stiffness"] / n
+
+    def _sliders[T](self, components: Sequence[T]) -> list[tuple[T, str, int]]:
+        """Return the component, the name and the element of each slider."""
+        return [
+            (component, name if self.elements == 1 else f"{name}_{i + 1}", i)
+            for component, name in zip(components, self.names, strict=True)
+            for i in range(self.elements)
+        ]
 
 
 def smooth_bound(strength: Callable[[Values], Any]) -> DualFrictionLaw:

@@ -2,17 +2,25 @@
 
 R = zeta/eta sum_i log cosh(eta w_i), with w_i the components of the rate of
 chi_1 - chi_2 along the reference directions D_1 and D_2. Its limit as eta grows is
-Coulomb's law for each component. Yarns that stick may be elastic before they slide.
+Coulomb's law for each component. Yarns that stick may be elastic before they slide,
+all at once or little by little.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import ufl
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, ElasticSliding, smoothed_coulomb
+from wovenfab.forms.friction import (
+    COULOMB,
+    ELEMENTS,
+    SMOOTH,
+    ElasticSliding,
+    smoothed_coulomb,
+)
 from wovenfab.forms.kinematics import Point
 
 
@@ -35,7 +43,9 @@ def dissipation(rate: Any, values: Values) -> Any:
 STRENGTH = Parameter(
     "strength", "N/m^2", "largest friction stress zeta", usual=(1.0, 1e8), of_angle=True
 )
+STIFFNESS = Parameter("stiffness", "N/m^3", "stress per slip before sliding", above=0.0)
 ELASTIC = ElasticSliding(components, ("slid_1", "slid_2"), "m")
+IWAN = replace(ELASTIC, elements=ELEMENTS)
 
 EFFECT = Effect(
     name="slip_friction",
@@ -64,16 +74,24 @@ EFFECT = Effect(
         Effect(
             name="slip_friction",
             summary="Friction between yarns that stick elastically before they slide",
-            parameters=(
-                STRENGTH,
-                Parameter("stiffness", "N/m^3", "stress per slip before sliding", above=0.0),
-            ),
+            parameters=(STRENGTH, STIFFNESS),
             needs=Needs(placements=2),
             resists=frozenset({"slipping"}),
             law="elastic",
             energy=ELASTIC.energy,
             lost=ELASTIC.lost,
             memory=ELASTIC.memory(),
+        ),
+        Effect(
+            name="slip_friction",
+            summary="Friction between yarns that begin to slide little by little",
+            parameters=(STRENGTH, STIFFNESS),
+            needs=Needs(placements=2),
+            resists=frozenset({"slipping"}),
+            law="iwan",
+            energy=IWAN.energy,
+            lost=IWAN.lost,
+            memory=IWAN.memory(),
         ),
     ),
 )

@@ -1,15 +1,22 @@
 """Friction of yarns that turn on each other, eqs. (10) and (11).
 
 R = zeta/eta log cosh(eta dgamma/dt), and Coulomb's law as eta grows. Yarns that stick may turn
-elastically before they slide.
+elastically before they slide, all at once or little by little.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from wovenfab.forms.effect import Effect, Needs, Parameter, Values
-from wovenfab.forms.friction import COULOMB, SMOOTH, ElasticSliding, smoothed_coulomb
+from wovenfab.forms.friction import (
+    COULOMB,
+    ELEMENTS,
+    SMOOTH,
+    ElasticSliding,
+    smoothed_coulomb,
+)
 from wovenfab.forms.kinematics import Point, shear_angle
 
 
@@ -35,7 +42,9 @@ STRENGTH = Parameter(
     usual=(1e-3, 1e5),
     of_angle=True,
 )
+STIFFNESS = Parameter("stiffness", "N/m", "torque per area and angle before sliding", above=0.0)
 ELASTIC = ElasticSliding(components, ("turned",), "rad")
+IWAN = replace(ELASTIC, elements=ELEMENTS)
 
 EFFECT = Effect(
     name="spin_friction",
@@ -66,17 +75,22 @@ EFFECT = Effect(
         Effect(
             name="spin_friction",
             summary="Friction between yarns that turn elastically on each other before they slide",
-            parameters=(
-                STRENGTH,
-                Parameter(
-                    "stiffness", "N/m", "torque per area and angle before sliding", above=0.0
-                ),
-            ),
+            parameters=(STRENGTH, STIFFNESS),
             resists=frozenset({"shearing"}),
             law="elastic",
             energy=ELASTIC.energy,
             lost=ELASTIC.lost,
             memory=ELASTIC.memory(),
+        ),
+        Effect(
+            name="spin_friction",
+            summary="Friction between yarns that begin to slide on each other little by little",
+            parameters=(STRENGTH, STIFFNESS),
+            resists=frozenset({"shearing"}),
+            law="iwan",
+            energy=IWAN.energy,
+            lost=IWAN.lost,
+            memory=IWAN.memory(),
         ),
     ),
 )

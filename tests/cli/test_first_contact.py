@@ -35,6 +35,12 @@ if grep -q Python.h "$file"; then
 fi
 exec cc "$@"
 """
+#: A compiler that takes no form.
+NO_FORM = """\
+#!/bin/sh
+for word; do case $word in *ffcx*.c) echo "$word:7:1: error: expected ';'" >&2; exit 1 ;; esac; done
+exec cc "$@"
+"""
 #: A compiler that cannot link.
 NO_LIBRARY = """\
 #!/bin/sh
@@ -62,7 +68,7 @@ def run(
 
 
 def told(ended: subprocess.CompletedProcess[str], folder: Path) -> str:
-    """Return the only message of a run that could not begin, which wrote nothing."""
+    """Return the only message of a run that could not begin, which wrote no results."""
     said = [line for line in ended.stderr.splitlines() if line.startswith("wovenfab: ")]
     assert ended.returncode == 2, ended.stderr
     assert len(said) == 1 and "Traceback" not in ended.stderr, ended.stderr
@@ -76,18 +82,36 @@ def test_a_compiler_that_is_not_there(ranks: int, tmp_path: Path) -> None:
     assert "no-such-cc" in told(run(tmp_path, ranks=ranks, CC="no-such-cc"), tmp_path)
 
 
-@pytest.mark.parametrize(
-    ("compiler", "missing"),
-    [(NO_HEADERS, "python3-dev"), (NO_LIBRARY, "libc6-dev")],
-    ids=["no-headers", "no-library"],
-)
-def test_a_compiler_without_headers_or_libraries(
-    compiler: str, missing: str, tmp_path: Path
-) -> None:
-    command = tmp_path / "half-cc"
-    command.write_text(compiler)
-    command.chmod(0o755)
-    assert missing in told(run(tmp_path, CC=str(command)), tmp_path)
+def program(folder: Path, script: str) -> str:
+    """Return the path of a compiler that is a script."""
+    file = folder / "half-cc"
+    file.write_text(script)
+    file.chmod(0o755)
+    return str(file)
+
+
+def test_on_two_ranks_missing_headers_are_told_by_one_message_alone(tmp_path: Path) -> None:
+    ended = run(tmp_path, ranks=2, CC=program(tmp_path, NO_HEADERS))
+    message = told(ended, tmp_path)
+    assert "python3-dev" in message
+    by_us = ended.stderr.partition("-" * 74)[0].splitlines()  # mpirun's own words come after it
+    assert by_us == [message]
+
+
+def test_the_log_keeps_what_a_compiler_without_libraries_wrote(tmp_path: Path) -> None:
+    ended = run(tmp_path, "--log", "run.log", CC=program(tmp_path, NO_LIBRARY))
+    assert ended.stderr.splitlines() == [told(ended, tmp_path)] and "libc6-dev" in ended.stderr
+    assert "ld: cannot find crt1.o" in (tmp_path / "run.log").read_text()
+
+
+@pytest.mark.slow
+def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(tmp_path: Path) -> None:
+    """The compiler has all that it needs, so it is a fault of the program."""
+    ended = run(tmp_path, "-v", CC=program(tmp_path, NO_FORM))
+    assert ended.returncode == 1
+    assert "fault of the program" in ended.stderr
+    log, traceback, told = ended.stderr.partition("Traceback")
+    assert traceback and all("error: expected ';'" in text for text in (log, told))
 
 
 @pytest.mark.parametrize("ranks", [1, 2])

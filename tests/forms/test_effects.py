@@ -99,7 +99,7 @@ def test_jacobian_is_the_derivative_of_the_residual(effect: Effect) -> None:
     for h in 2e-4 / 2.0 ** np.arange(4):
         model.field.x.array[:] = start + h * direction
         remainders.append(np.linalg.norm(scenes.internal_force(model) - at_start - h * product))
-    linear = remainders[0] < 1e-12 * np.linalg.norm(product)
+    linear = remainders[-1] < 1e-12 * np.linalg.norm(product)  # near the state, if in pieces
     assert linear or scenes.orders(remainders).min() > 1.9
     assert np.linalg.norm(product) > 0
 

@@ -94,6 +94,22 @@ def test_a_compiler_that_a_signal_ended_is_started_once_more(cache: Path) -> Non
         assembly._compiled(compiler)
 
 
+def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    command, said = cache / "cc", "form.c:7:1: error: expected ';'"
+    command.write_text(
+        f'#!/bin/sh\ncase "$*" in *ffcx*) echo "{said}" >&2; exit 1 ;; esac\ncc "$@"'
+    )
+    command.chmod(0o755)
+    monkeypatch.setenv("CC", str(command))
+    monkeypatch.setattr(assembly, "logger", log := Mock())
+    with pytest.raises(VerificationError) as told:
+        area()
+    assert told.value.__notes__ == [said]
+    assert log.info.call_args.args[-1] == said
+
+
 def square(degree: int, *shape: int) -> tuple[Any, fem.Function, Any, Any]:
     """Return a mesh and a random field of a shape with a test and a trial function."""
     on = create_unit_square(MPI.COMM_SELF, 2, 2, ghost_mode=GhostMode.shared_facet)
@@ -119,7 +135,7 @@ def compare(form: Any, elsewhere: Path, shorter: bool = True) -> None:
     assert written
 
 
-@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("degree", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_path: Path) -> None:
     on, w, test, trial = square(degree, 2)
     normal, grad = ufl.FacetNormal(on), ufl.grad
@@ -131,7 +147,7 @@ def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_p
     compare(ufl.derivative(ufl.derivative(energy, w, test), w, trial), tmp_path)
 
 
-@pytest.mark.parametrize("degree", [1, 2, 3])
+@pytest.mark.parametrize("degree", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_kernels_of_derivatives_along_two_directions_are_those_of_ffcx(
     degree: int, tmp_path: Path
 ) -> None:

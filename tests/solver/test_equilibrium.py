@@ -132,7 +132,7 @@ def test_two_live_solvers_have_petsc_options_of_their_own() -> None:
     assert PETSc.Options().getAll() == before
 
 
-@pytest.mark.parametrize("method", ["gmres", "cg"])
+@pytest.mark.parametrize("method", [pytest.param("gmres", marks=pytest.mark.slow), "cg"])
 def test_an_iterative_linear_solver_attains_prescribed_displacements_near_zero(method: str) -> None:
     """At the end of a cycle friction leaves the sheet deformed while the grip is at zero."""
     case = Case(

@@ -84,7 +84,7 @@ def test_a_homogeneous_slip_has_the_energy_power_and_force_of_coulomb_made_smoot
     assert resultant == pytest.approx(np.concatenate([force, -force]), rel=1e-10)
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+@pytest.mark.parametrize("scheme", ["bdf2", pytest.param("midpoint", marks=pytest.mark.slow)])
 def test_a_driven_slider_loses_four_zeta_times_the_amplitude_as_eta_grows(scheme: str) -> None:
     period, shares = 2.0, []
     program = program_of(cycle(0.0, 1.0, period, 160))

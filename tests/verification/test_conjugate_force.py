@@ -90,6 +90,7 @@ def bias(boundary: Mapping[str, Any], amplitude: float, folder: Path) -> dict[st
         program={"type": "cycles", "amplitudes": [amplitude], "frequency": "1 Hz"},
         time={"steps_per_cycle": 8},
         discretisation={"degree": 2, "mesh_size": 0.15},
+        output={"pictures": False},
     )
     run = wovenfab.simulate(case, folder / "run", overwrite=True)
     (cycle,), (row,) = run.summary["cycles"], read_cycles(folder / "run")

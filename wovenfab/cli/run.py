@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import inf
 from pathlib import Path
 from signal import Signals
@@ -28,6 +29,7 @@ from wovenfab.cli.console import (
     is_launched,
     require_log,
 )
+from wovenfab.lacking import LackingError
 from wovenfab.mpi import PetscStartError, on_ranks, start_petsc
 from wovenfab.parallel import ending_with_parent
 from wovenfab.record.results import NothingToResumeError, ResultsExistError, has_checkpoint
@@ -129,6 +131,10 @@ def run_case(
         except (PetscStartError, ResultsExistError, NothingToResumeError) as error:
             console.problem(str(error))
             return BAD_INPUT
+        except LackingError:
+            with suppress(OSError):  # the log says why
+                open_log()
+            raise
         except OSError as error:
             console.problem(_cannot_write(error, directory, _has_begun(watch)))
             return CANNOT_WRITE if _has_begun(watch) else BAD_INPUT

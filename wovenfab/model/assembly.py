@@ -13,11 +13,12 @@ import inspect
 import logging
 import os
 import platform
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import numpy as np
 import ufl
@@ -183,7 +184,7 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
                     _remove_unfinished(folder)
             lock(users, fcntl.LOCK_SH)
             try:
-                with writing():
+                with writing(), _compiler_logged():
                     return compile_it()
             except TimeoutError:
                 pass
@@ -195,6 +196,40 @@ def _compiled[T](compile_it: Callable[[], T]) -> T:
         with (folder / "users.lock").open("w") as users:
             lock(users, fcntl.LOCK_EX)
             _remove_unfinished(folder)
+
+
+#: File descriptor of the error stream, which a compiler inherits.
+_STDERR = 2
+
+
+@contextmanager
+def _compiler_logged() -> Iterator[None]:
+    """Log what a compiler writes to the error stream, and note it on an error that ends this.
+
+    On the terminal those lines would stand before the message that says what to install.
+    """
+    try:
+        usual = os.dup(_STDERR)
+    except OSError:  # the caller has closed it
+        yield
+        return
+    with TemporaryFile() as file:
+        os.dup2(file.fileno(), _STDERR)
+        try:
+            yield
+        except Exception as error:
+            error.add_note(_written(file))
+            raise
+        finally:
+            os.dup2(usual, _STDERR)
+            os.close(usual)
+            if lines := _written(file):
+                logger.info("the compiler wrote:\n%s", lines)
+
+
+def _written(file: IO[bytes]) -> str:
+    file.seek(0)
+    return file.read().decode(errors="replace").rstrip()
 
 
 def _remove_unfinished(folder: Path) -> None:
