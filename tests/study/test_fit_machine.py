@@ -55,7 +55,9 @@ def curve(values: Mapping[str, float], scale: float = 1.0) -> ResponseCurve:
     sign = np.where(np.arange(u.size) <= half, 1.0, -1.0)
     sign[0] = 0.0
     slopes = np.stack([shape, sign], axis=1)
-    return ResponseCurve(u, stiffness * shape + friction * sign, slopes, (0, half, 2 * half), 0.0)
+    return ResponseCurve(
+        u, stiffness * shape + friction * sign, 0 * u, slopes, (0, half, 2 * half), 0.0
+    )
 
 
 def measured(noise: Array | float = 0.0) -> Measured:

@@ -16,7 +16,11 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 FABRIC = CONFIGS / "fabrics" / "glass-plain.yaml"
 #: Values of the fabric, N/m, and of the test: sides (m) and tension (N/m).
 SHEAR, STRENGTH, LENGTH, WIDTH, TENSION = 4.6, 4.8, 0.05, 0.2, 9.80665
-COARSE = {"discretisation": {"degree": 2, "mesh_size": 0.025}, "output.pictures": False}
+COARSE = {
+    "figures": [],
+    "discretisation": {"degree": 2, "mesh_size": 0.025},
+    "output.pictures": False,
+}
 STEPS, END = 8, 7e-3
 
 

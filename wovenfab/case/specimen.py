@@ -128,6 +128,15 @@ def other_tests(names: Sequence[TestName], setup: Setup) -> Iterator[Finding]:
             yield ("figures", i), f"this is no test of {name}: {error.reason}", error.remedy
 
 
+def standard_tests_of(case: Case) -> tuple[StandardTest, ...]:
+    """Return the standard tests that a case with a rectangle names; they measure by no zone."""
+    if not isinstance(case.sheet, Rectangle):
+        return ()
+    shape, output = rectangle_shape(case.sheet), OutputSection()
+    setup = setup_of(shape, case.sheet.fibres, case.boundary, case.program, output)
+    return tuple(standard_test(name, setup) for name in case.figures)
+
+
 #: A test whose shear angle follows from its displacement.
 ShearTest = BiasExtension | PictureFrame
 

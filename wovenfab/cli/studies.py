@@ -267,6 +267,8 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
 def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Identifiability:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
+    from wovenfab.study.fit.figures import in_words as of_figures
+    from wovenfab.study.fit.fit_file import FigureTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
@@ -274,12 +276,11 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
     from wovenfab.study.fit.specimens import in_words as of_specimens
     from wovenfab.study.fit.specimens import specimen_values
 
-    curves = sum(len(test.replicates.specimens) for test in fit.tests)
-    unknowns = len(fit.unknowns)
-    console.say(
-        f"{fit.name}: {counted(curves, 'measured curve')}, {counted(unknowns, 'parameter')}"
-    )
-    for curve in (curve for test in fit.tests for curve in test.replicates.specimens):
+    curves = [curve for test in fit.tests for curve in test.specimens]
+    figures = sum(len(t.figures) for t in fit.tests if isinstance(t, FigureTest))
+    what = [(len(curves), "measured curve"), (figures, "figure"), (len(fit.unknowns), "parameter")]
+    console.say(f"{fit.name}: {', '.join(counted(n, name) for n, name in what if n)}")
+    for curve in curves:
         if curve.reading is not None:
             console.say(f"  {curve.file.name}: {curve.reading}")
             for note in curve.reading.notes:
@@ -297,11 +298,19 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
         ]
         specimens = specimen_values(objective, fit, found)
     beyond = [
-        f"{test.measured.file.name}: {comparison.left_out}."
+        f"{test.name}: {comparison.left_out}."
         for test, comparison in zip(fit.tests, e.comparisons, strict=True)
         if comparison.left_out
     ]
-    notes = [*_headlines(found), *beyond, *in_words(known, fit), *map(str, profiles)]
+    pairs = zip(fit.tests, e.comparisons, strict=True)
+    figures_met = [line for t, c in pairs if isinstance(t, FigureTest) for line in of_figures(t, c)]
+    notes = [
+        *_headlines(fit, found),
+        *beyond,
+        *figures_met,
+        *in_words(known, fit),
+        *map(str, profiles),
+    ]
     notes += of_specimens(specimens, fit)
     write_result(fit, found, known, profiles, specimens, notes, directory)
     draw_fit(fit, found, known, directory / PICTURE)
@@ -313,8 +322,13 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
     return known
 
 
-def _headlines(found: Found) -> list[str]:
+def _headlines(fit: Fit, found: Found) -> list[str]:
+    from wovenfab.study.fit.fit_file import FigureTest
+
     misfit, spent = found.evaluation.misfit, sum(t.seconds for t in found.trials)
+    followed = f"The curves are followed within {100 * misfit:.2f} % of their largest force"
+    if all(isinstance(test, FigureTest) for test in fit.tests):
+        followed = f"The figures are met within {100 * misfit:.2f} %"
     fine = [t for t in found.trials if not t.coarse]
     if isfinite(found.error):
         size = "as the cases say" if found.scale == 1 else f"of {found.scale:.2f} of their sizes"
@@ -325,8 +339,8 @@ def _headlines(found: Found) -> list[str]:
     else:
         cells = "What cells and steps change is not known: files give both."
     lines = [
-        f"The curves are followed within {100 * misfit:.2f} % of their largest force (root mean "
-        f"square), after {counted(len(found.trials) - len(fine), 'coarse trial')} and "
+        f"{followed} (root mean square), after "
+        f"{counted(len(found.trials) - len(fine), 'coarse trial')} and "
         f"{counted(len(fine), 'fine one')}, "
         f"in {duration(spent)}, the time of {spent / fine[-1].seconds:.1f} runs like the last one.",
         cells,

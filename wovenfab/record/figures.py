@@ -37,6 +37,16 @@ LABORATORY: Mapping[str, tuple[str, float]] = {
 }
 
 
+#: Units of pure numbers.
+PURE = ("m/m", "J/J", "1")
+
+
+def laboratory(value: float, unit: str) -> tuple[float, str]:
+    """Return a value of a unit of :data:`LABORATORY` in the unit of laboratories, and that unit."""
+    name, size = LABORATORY[unit]
+    return value / size, name
+
+
 @dataclass(frozen=True)
 class Figure:
     """A figure of a standard test.
@@ -59,7 +69,7 @@ class Figure:
     @property
     def laboratory_value(self) -> float | None:
         """The value in that unit."""
-        return None if self.value is None else self.value / LABORATORY[self.unit][1]
+        return None if self.value is None else laboratory(self.value, self.unit)[0]
 
     def as_dict(self) -> dict[str, Any]:
         """Return it as in the files, without its name."""
@@ -101,6 +111,24 @@ def figures_of(tests: Iterable[StandardTest], history: Columns) -> dict[str, dic
     """Return the figures of each test by its name; none before the first step."""
     started = len(history["step"]) > 0
     return {test.name: test.figures(history) for test in tests if started}
+
+
+def figures_at_rest(test: StandardTest) -> dict[str, Figure]:
+    """Return the figures of a test by name before it has begun: their units, mostly no values."""
+    rest = np.zeros(1)
+    return test.figures(columns_of(rest, rest, rest))
+
+
+def columns_of(displacement: Values, force: Values, work: Values) -> Columns:
+    """Return the columns of ``history.csv`` of which figures without a zone are made.
+
+    Args:
+        displacement: Of the program, m, shape (steps,).
+        force: Conjugate to it, N, same shape.
+        work: External work since the start, J, same shape.
+    """
+    steps = np.arange(len(force), dtype=np.float64)
+    return {"step": steps, "displacement_m": displacement, "force_N": force, "work_J": work}
 
 
 def write_figures(directory: Path, tests: Iterable[StandardTest], history: Columns) -> None:

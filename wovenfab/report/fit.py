@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from wovenfab.measured.curve import Measured
+from wovenfab.record.figures import laboratory
 from wovenfab.record.results import this_process
 from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
@@ -27,7 +28,7 @@ from wovenfab.report.style import (
     save,
     zero_line,
 )
-from wovenfab.study.fit.fit_file import Fit
+from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest
 from wovenfab.study.fit.identifiability import ConfidenceInterval, Identifiability
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
@@ -45,8 +46,12 @@ def draw_fit(fit: Fit, found: Found, known: Identifiability, path: Path) -> Path
         (upper, right), (lower, last) = figure.subplots(
             2, 2, height_ratios=(2, 1), width_ratios=(3, 2)
         )
-        draw_curves(upper, fit, found.evaluation)
-        draw_distances(lower, fit, found.evaluation)
+        if _curves(fit, found.evaluation):
+            draw_curves(upper, fit, found.evaluation)
+            draw_distances(lower, fit, found.evaluation)
+        else:
+            draw_figures(upper, fit, found.evaluation)
+            lower.set_visible(False)
         draw_intervals(right, known.intervals)
         draw_trials(last, found)
         return save(figure, path)
@@ -64,7 +69,7 @@ def write_fit_page(
     figures = [(i.name, _shown(i.value, i.unit)) for i in known.intervals]
     sections = _sections(fit, found, known)
     if profiles:
-        sections.insert(2, section("Profiles", lambda: [_profiles(fit, profiles)]))
+        sections.insert(-2, section("Profiles", lambda: [_profiles(fit, profiles)]))
     return write_page(path, fit.title or fit.name, notes, figures, sections, this_process())
 
 
@@ -127,6 +132,9 @@ def _sections(fit: Fit, found: Found, known: Identifiability) -> list[PageSectio
         upper.set_xlabel("")
         return [picture(figure, "Measured (points) and computed force (lines)")]
 
+    def figures() -> list[Block]:
+        return [figure_table(test, c) for test, c in _figures(fit, found.evaluation)]
+
     def parameters() -> list[Block]:
         high = 0.6 + 0.35 * len(known.intervals)
         figure = drawn(0.7 * WIDTH, high, draw_intervals, known.intervals)
@@ -140,8 +148,10 @@ def _sections(fit: Fit, found: Found, known: Identifiability) -> list[PageSectio
         figure = drawn(0.7 * WIDTH, 0.35 * WIDTH, draw_trials, found)
         return [picture(figure, "Misfit of each trial"), trial_table(fit, found)]
 
+    measured = [section("Curves", curves)] if _curves(fit, found.evaluation) else []
+    measured += [section("Figures", figures)] if _figures(fit, found.evaluation) else []
     return [
-        section("Curves", curves),
+        *measured,
         section("Parameters", parameters),
         section("What is known together", correlations),
         section("Search", trials),
@@ -167,15 +177,15 @@ def _profiles(fit: Fit, profiles: Sequence[Profile]) -> Block:
 
 def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     """Draw measured forces as points and computed ones as lines, against the displacement."""
-    unit = readable("N", max(float(np.abs(test.measured.force).max()) for test in fit.tests))
-    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    pairs = _curves(fit, evaluation)
+    unit = readable("N", max(float(np.abs(test.measured.force).max()) for test, _ in pairs))
     for i, (test, c) in enumerate(pairs):
         measured, colour = test.measured, f"C{i}"
-        for one in test.replicates.specimens:
+        for one in test.specimens:
             points = (1e3 * one.displacement, unit.factor * one.force)
             axes.plot(*points, "o", color=QUIET, markersize=3, markerfacecolor="none")
         x = 1e3 * measured.displacement
-        axes.plot(x[c.rows], unit.factor * c.force, color=colour, label=measured.file.stem)
+        axes.plot(x[c.rows], unit.factor * c.computed, color=colour, label=measured.file.stem)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel(f"force ({unit.name})")
     axes.legend(fontsize=7)
@@ -183,14 +193,53 @@ def draw_curves(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
 
 def draw_distances(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     """Draw computed less measured forces over the largest measured one."""
-    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
-    for i, (test, c) in enumerate(pairs):
+    for i, (test, c) in enumerate(_curves(fit, evaluation)):
         share = 100 * c.shares
         x = 1e3 * test.measured.displacement[c.rows]
         axes.plot(x, share, ".-", color=f"C{i}", linewidth=0.8, markersize=3)
     zero_line(axes)
     axes.set_xlabel("displacement (mm)")
     axes.set_ylabel("distance (%)")
+
+
+def draw_figures(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
+    """Draw each fitted figure over the measured one, and the errors of these as bars."""
+    names: list[str] = []
+    for test, c in _figures(fit, evaluation):
+        rows = len(names) + c.rows
+        axes.errorbar(np.ones(c.rows.size), rows, xerr=test.errors / c.size, fmt="o", color=QUIET,
+                      markersize=5, markerfacecolor="none", label="measured")  # fmt: skip
+        axes.plot(1 + c.shares, rows, "x", color=INK, label="fitted")
+        names += [f"{test.name}: {figure.name}" for figure in test.figures]
+    axes.set_yticks(range(len(names)), names)
+    axes.invert_yaxis()
+    axes.margins(y=0.2)
+    axes.set_xlabel("figure over the measured one, with its error")
+
+
+def figure_table(test: FigureTest, comparison: Comparison) -> PageTable:
+    """Return the table of the figures of a test: measured, fitted and error."""
+    rows = []
+    for f, computed in zip(test.figures, comparison.computed, strict=True):
+        values = (f.value, computed, f.error)
+        shown = [f"{laboratory(value, f.unit)[0]:.4g}" for value in values]
+        rows.append(
+            [f.name, *shown, laboratory(0.0, f.unit)[1], f"{100 * (computed / f.value - 1):+.2f}"]
+        )
+    head = ["", "measured", "fitted", "error", "unit", "distance (%)"]
+    return PageTable(f"Figures of {test.name} ({test.case.name})", head, rows)
+
+
+def _curves(fit: Fit, evaluation: Evaluation) -> list[tuple[MeasuredTest, Comparison]]:
+    """Return the measured curves of a fit, each with its comparison."""
+    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    return [(test, c) for test, c in pairs if isinstance(test, MeasuredTest)]
+
+
+def _figures(fit: Fit, evaluation: Evaluation) -> list[tuple[FigureTest, Comparison]]:
+    """Return the tests of a fit with measured figures, each with its comparison."""
+    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    return [(test, c) for test, c in pairs if isinstance(test, FigureTest)]
 
 
 def draw_intervals(axes: Axes, intervals: Sequence[ConfidenceInterval]) -> None:

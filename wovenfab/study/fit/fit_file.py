@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,11 +18,12 @@ from pydantic import (
     PlainSerializer,
     ValidationError,
     ValidationInfo,
+    model_validator,
 )
 from pydantic_core import PydanticCustomError
 
 from wovenfab.case import Case, CaseError, read_case, units
-from wovenfab.case.document import existing_file, folder_of, read_document
+from wovenfab.case.document import Document, existing_file, folder_of, read_document
 from wovenfab.case.errors import (
     CaseProblem,
     FormulaError,
@@ -34,13 +35,14 @@ from wovenfab.case.errors import (
 )
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
 from wovenfab.case.quantities import Count, Length, Quantity, Section, Several
-from wovenfab.case.specimen import shear_test_of
+from wovenfab.case.specimen import shear_test_of, standard_tests_of
 from wovenfab.forms.effect import Target
 from wovenfab.measured.correction import Correction, corrected
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 from wovenfab.measured.replicates import Replicates, replicates_of
 from wovenfab.measured.workbook import SUFFIXES
+from wovenfab.record.figures import PURE, StandardTest, figures_at_rest
 
 Array = NDArray[np.float64]
 #: Parameters of the testing machine, with their units: a spring in series with the sample, and
@@ -147,17 +149,43 @@ class Units(Section):
     """A time."""
 
 
+class FigureSpec(Section):
+    """A measured figure of a standard test."""
+
+    value: float | str = Field(examples=["1.5 gf/(cm*deg)"])
+    """Its value."""
+
+    error: str | None = Field(default=None, examples=["2 %"])
+    """Its standard error, in its unit or as a share of its value; that of the test unless given."""
+
+
+def _figure_spec(value: Any) -> Any:
+    """Return a figure that is written as its value alone with its key."""
+    return {"value": value} if isinstance(value, str | int | float) else value
+
+
 class Test(Section):
-    """A test: the case that describes it, and what was measured."""
+    """A test: the case that describes it, and what was measured: a curve or figures."""
 
     case: _text_file(".yaml", ".yml") = Field(examples=["sample.yaml"])  # type: ignore[valid-type]
     """The case file."""
 
+    fabric: _text_file(".yaml", ".yml") | None = Field(  # type: ignore[valid-type]
+        default=None, examples=["../fabrics/glass-plain.yaml"]
+    )
+    """A fabric file, if the case is a test without one."""
+
     set: Mapping[str, Any] = Field(default={}, examples=[{"sheet.length": "230 mm"}])
     """Values that replace those of the case, by dotted key."""
 
-    measured: _Files = Field(min_length=1, examples=["sample.csv"])
+    measured: _Files = Field(default=(), min_length=1, examples=["sample.csv"])
     """The measured file, or a list of those of several specimens, which replicate the test."""
+
+    figures: Mapping[str, Annotated[FigureSpec, BeforeValidator(_figure_spec)]] = Field(
+        default={}, min_length=1, examples=[{"G": "1.5 gf/(cm*deg)", "2HG": "2.4 gf/cm"}]
+    )
+    """Measured figures of the standard test that the case names in its own ``figures``, in place of
+    a measured file."""
 
     columns: Columns = Columns()
     """Its columns."""
@@ -193,13 +221,22 @@ class Test(Section):
         PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
     ] = Field(default=(0.01, True), examples=["1 %"])
     """Standard error of a measured force, in N or of the largest force; of replicates the least
-    one of their mean."""
+    one of their mean; of figures that of each, of its value."""
 
     weight: float = Field(default=1.0, gt=0.0, examples=[2.0])
     """Weight of the test beside others."""
 
     toe: Length = 0.0
     """Measured points of a smaller displacement (slack, the toe of the curve) are left out."""
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Test:
+        if bool(self.measured) == bool(self.figures):
+            remedy = "Two tests of the list may have the same case, which is run once."
+            raise value_error("a test has a file 'measured' or 'figures'", remedy)
+        if self.figures and not self.error[1]:
+            raise value_error("the error of figures is a share of each", "For example '1 %'.")
+        return self
 
 
 class ParameterSpec(Section):
@@ -267,7 +304,7 @@ class FitParameter:
 
 @dataclass(frozen=True)
 class MeasuredTest:
-    """A test as it is fitted.
+    """A measured curve as it is fitted.
 
     Attributes:
         case: Its case.
@@ -282,6 +319,16 @@ class MeasuredTest:
     error: float
     weight: float
     toe: float
+
+    @property
+    def name(self) -> str:
+        """Name of its file."""
+        return self.measured.file.name
+
+    @property
+    def specimens(self) -> tuple[Measured, ...]:
+        """The curves of each specimen."""
+        return self.replicates.specimens
 
     @property
     def measured(self) -> Measured:
@@ -306,6 +353,57 @@ class MeasuredTest:
 
 
 @dataclass(frozen=True)
+class MeasuredFigure:
+    """A figure of a standard test as it is fitted.
+
+    Attributes:
+        name: As in ``figures.json``.
+        unit: SI unit, of ``record.figures.LABORATORY``.
+        value: In that unit.
+        error: Its standard error, in that unit.
+    """
+
+    name: str
+    unit: str
+    value: float
+    error: float
+
+
+@dataclass(frozen=True)
+class FigureTest:
+    """Measured figures of a standard test, as they are fitted.
+
+    Attributes:
+        case: Its case.
+        standard: Its standard test.
+        figures: Those that were measured.
+        weight: Its weight.
+    """
+
+    case: Case
+    standard: StandardTest
+    figures: tuple[MeasuredFigure, ...]
+    weight: float
+    specimens: ClassVar[tuple[Measured, ...]] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the standard test."""
+        return self.standard.name
+
+    @property
+    def errors(self) -> Array:
+        """Standard error of each figure, in SI units, shape (figures,)."""
+        return np.array([figure.error for figure in self.figures])
+
+    @property
+    def factors(self) -> Array:
+        """What makes a residual of the distance of a figure, in SI units, shape (figures,)."""
+        factors: Array = np.sqrt(self.weight) / self.errors
+        return factors
+
+
+@dataclass(frozen=True)
 class Fit:
     """A fit that can be made.
 
@@ -320,7 +418,7 @@ class Fit:
 
     title: str
     name: str
-    tests: tuple[MeasuredTest, ...]
+    tests: tuple[MeasuredTest | FigureTest, ...]
     unknowns: tuple[FitParameter, ...]
     refine: bool = True
     profiles: tuple[str, ...] = ()
@@ -337,7 +435,7 @@ def read_fit(path: Path) -> Fit:
         given = FitFile.model_validate(document.data, context={"folder": path.parent})
     except ValidationError as error:
         raise CaseError(problems_in(error, document, FitFile.model_json_schema())) from error
-    tests = tuple(_test(test) for test in given.tests)
+    tests = tuple(_test(test, document, number) for number, test in enumerate(given.tests))
     problems: list[CaseProblem] = [
         test.case.problem("accuracy", "a fit chooses cells and steps itself", "Leave it out.")
         for test in tests
@@ -372,8 +470,59 @@ def read_fit(path: Path) -> Fit:
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
 
 
-def _test(test: Test) -> MeasuredTest:
-    case = read_case(test.case, dict(test.set))
+def _test(test: Test, document: Document, number: int) -> MeasuredTest | FigureTest:
+    """Return a test as it is fitted; ``number`` is its place in the fit file.
+
+    Raises:
+        CaseError: With everything that is wrong in its case, measured file or figures.
+    """
+    case = read_case(test.case, dict(test.set), test.fabric)
+    return _figure_test(test, case, document, number) if test.figures else _curve_test(test, case)
+
+
+def _figure_test(test: Test, case: Case, document: Document, number: int) -> FigureTest:
+    standards = standard_tests_of(case)
+    if len(standards) != 1:
+        message = "a test with measured figures names one standard test, and is a rectangle"
+        raise CaseError([case.problem("figures", message, "For example 'figures: kes-shear'.")])
+    units_of = {name: figure.unit for name, figure in figures_at_rest(standards[0]).items()}
+    figures, problems = [], []
+    for name, spec in test.figures.items():
+        try:
+            figures.append(_figure(name, spec, units_of, test.error[0]))
+        except PydanticCustomError as error:
+            problems.append(document.problem(("tests", number, "figures", name), *reason(error)))
+    if problems:
+        raise CaseError(problems)
+    return FigureTest(case, standards[0], tuple(figures), test.weight)
+
+
+def _figure(
+    name: str, spec: FigureSpec, units_of: Mapping[str, str], share: float
+) -> MeasuredFigure:
+    """Return a measured figure; ``share`` is the error of its value unless it has its own.
+
+    Raises:
+        PydanticCustomError: With message and remedy.
+    """
+    if name not in units_of:
+        known = f"It has {', '.join(units_of)}."
+        raise value_error(f"the test has no figure {name!r}", near_miss(name, units_of) or known)
+    unit = units_of[name]
+    written = "" if unit in PURE else unit
+    value = _si(spec.value, written)
+    if not value:
+        raise value_error("a figure of zero has no relative error", "Leave it out.")
+    error = share * abs(value)
+    if spec.error is not None:
+        of_value = units.measures(spec.error, "")
+        error = units.parse(spec.error, "") * abs(value) if of_value else _si(spec.error, written)
+    if not error > 0:
+        raise value_error("expected a positive error", "For example '2 %'.")
+    return MeasuredFigure(name, unit, value, error)
+
+
+def _curve_test(test: Test, case: Case) -> MeasuredTest:
     columns, units = (s.model_dump(exclude_none=True) for s in (test.columns, test.units))
     layout = Layout(columns, units, test.rows, test.decimal, test.sheet)
     specimen = shear_test_of(case)
@@ -420,7 +569,9 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
     return FitParameter(name, unit, target, start, scaled, (low, high), by_factors)
 
 
-def _keeping_ratio(unknown: FitParameter, tests: Sequence[MeasuredTest]) -> FitParameter:
+def _keeping_ratio(
+    unknown: FitParameter, tests: Sequence[MeasuredTest | FigureTest]
+) -> FitParameter:
     """Return an unknown by a common factor if it stands for both families of an unequal pair."""
     if (target := unknown.target) is None or target.coefficient or len(target.families) == 1:
         return unknown

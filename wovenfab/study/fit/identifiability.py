@@ -2,8 +2,9 @@
 
 Everything follows from the residuals r (distances over the error of a force) at the solution and
 their derivatives J by the scaled parameters q, which are logarithms where the search steps by
-factors. The covariance of q is s^2 (J^T J)^-1 with s^2 = r^T r/(n - p), or 1 if that is less (Seber
-and Wild, Nonlinear Regression, 1989, doi:10.1002/0471725315). Rows that the steps of the runs do
+factors. The covariance of q is s^2 (J^T J)^-1 with s^2 = r^T r/(n - p), or 1 if that is less or
+there are no more rows than parameters (Seber and Wild, Nonlinear Regression, 1989,
+doi:10.1002/0471725315). Rows that the steps of the runs do
 not resolve weigh less: n is the sum of squared weights. Intervals are wider by what the error of
 cells and steps moves the parameters by: it is the same for all rows of a curve, so that more rows
 do not reduce it.
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wovenfab.case.specimen import bias_extension_of
-from wovenfab.study.fit.fit_file import Fit, FitParameter, MeasuredTest
+from wovenfab.study.fit.fit_file import FigureTest, Fit, FitParameter, MeasuredTest
 from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison
 
@@ -70,7 +71,7 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How well the model follows one curve.
+    """How well the model follows one curve; of figures there is the misfit alone.
 
     Attributes:
         misfit: Root mean square of the distances over the largest measured force.
@@ -83,12 +84,12 @@ class Fidelity:
     """
 
     misfit: float
-    noise: float
-    runs: int
-    expected: float
-    probability: float
-    part_at: float | None
-    angle: float | None
+    noise: float = 0.0
+    runs: int = 0
+    expected: float = 0.0
+    probability: float = 1.0
+    part_at: float | None = None
+    angle: float | None = None
 
     @property
     def is_model_error(self) -> bool:
@@ -161,7 +162,9 @@ def knowledge(
     finite = np.where(np.isfinite(parts), parts, 0.0)
     covariance = finite.T @ finite
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    factor = float(stats.t.ppf((1 + LEVEL) / 2, freedom))
+    # Without a row to spare nothing tells the scatter, and the stated errors are known.
+    quantiles = stats.t(freedom) if n - p >= 1 else stats.norm
+    factor = float(quantiles.ppf((1 + LEVEL) / 2))
     intervals = tuple(
         _interval(u, values[u.name], factor * float(d), float(more))
         for u, d, more in zip(fit.unknowns, deviation, moved, strict=True)
@@ -200,10 +203,12 @@ def _interval(
     return ConfidenceInterval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
-def _fidelity(test: MeasuredTest, comparison: Comparison) -> Fidelity:
+def _fidelity(test: MeasuredTest | FigureTest, comparison: Comparison) -> Fidelity:
+    if isinstance(test, FigureTest):
+        return Fidelity(comparison.misfit)
     counted = comparison.resolved
     measured, rows = comparison.measured[counted], comparison.rows[counted]
-    distance = comparison.force[counted] - measured
+    distance = comparison.computed[counted] - measured
     peak = float(np.abs(comparison.measured).max())
     second = np.diff(measured, 2)
     noise = float(np.sqrt(np.mean(second**2) / 6)) if second.size else 0.0
@@ -263,7 +268,7 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
     for test, count in zip(fit.tests, known.unresolved, strict=True):
         if count:
             lines.append(
-                f"{test.measured.file.name}: {count} rows lie in steps in which friction reverses; "
+                f"{test.name}: {count} rows lie in steps in which friction reverses; "
                 "they tell only within such a step where that is. Smaller steps resolve more."
             )
     for i in known.intervals:
@@ -293,16 +298,14 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
         angle = "" if f.angle is None else f" (shear angle {np.degrees(f.angle):.0f} degrees)"
         if f.part_at is not None:
             lines.append(
-                f"{test.measured.file.name}: the curves part at {1e3 * f.part_at:.3g} mm{angle}; "
+                f"{test.name}: the curves part at {1e3 * f.part_at:.3g} mm{angle}; "
                 "from there on they differ by more than twice the error of a force."
             )
         elif angle:
-            lines.append(
-                f"{test.measured.file.name}: the curves agree as far as they are compared{angle}."
-            )
+            lines.append(f"{test.name}: the curves agree as far as they are compared{angle}.")
         if f.is_model_error:
             lines.append(
-                f"{test.measured.file.name}: the distance is {100 * f.misfit:.2f} % of the largest "
+                f"{test.name}: the distance is {100 * f.misfit:.2f} % of the largest "
                 f"force and keeps its sign too long for noise ({f.runs} runs, {f.expected:.0f} "
                 f"expected; scatter {100 * f.noise:.2f} %): it is an error of the model, so that "
                 "intervals are a lower bound."

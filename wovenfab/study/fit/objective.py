@@ -21,7 +21,8 @@ from wovenfab.case.fingerprint import fingerprint
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import end_with_parent
 from wovenfab.study.cluster import Cluster
-from wovenfab.study.fit.fit_file import Fit, with_values
+from wovenfab.study.fit.figures import figures_compared
+from wovenfab.study.fit.fit_file import FigureTest, Fit, with_values
 from wovenfab.study.fit.response import (
     Comparison,
     ResponseCurve,
@@ -47,7 +48,8 @@ class FitTrial:
         number: From 1.
         scale: Size of cells and steps over those of the cases.
         values: Of the parameters, in SI units.
-        misfit: Root mean square of the distances, over the largest measured force, of all tests.
+        misfit: Root mean square of the distances of all tests, over the largest measured force, or
+            each measured figure.
         seconds: Wall time of its runs, one after the other.
         failure: Why it was rejected; empty if its runs came to their ends.
     """
@@ -70,7 +72,7 @@ class Evaluation:
     """Residuals of all tests.
 
     Attributes:
-        residuals: Distances over the error of a force, all tests after each other.
+        residuals: Distances over the error of a force or figure, all tests after each other.
         jacobian: Their derivatives by the scaled parameters.
         curves: Computed curve of each test.
         comparisons: What was compared, by test.
@@ -83,7 +85,7 @@ class Evaluation:
 
     @property
     def misfit(self) -> float:
-        """Root mean square of the distances, each over its test's largest measured force."""
+        """Root mean square of the distances over the largest force of the test, or the figure."""
         shares = np.concatenate([c.shares for c in self.comparisons])
         return float(np.sqrt(np.mean(shares[self.resolved] ** 2)))
 
@@ -221,13 +223,16 @@ class Objective:
         factors = np.array([1 / value if t.relative else 1.0 for value, t in targets])
         for test, computed_curve in zip(fit.tests, curves, strict=True):
             curve = replace(computed_curve, slopes=computed_curve.slopes * factors)
-            reference = self._reference
-            c = compared(
-                test.measured, curve, fit.unknowns, values, test.toe, reference, test.error
-            )
+            if isinstance(test, FigureTest):
+                c = figures_compared(test, curve, fit.unknowns)
+            else:
+                reference = self._reference
+                c = compared(
+                    test.measured, curve, fit.unknowns, values, test.toe, reference, test.error
+                )
             factor = test.factors[c.rows]
             comparisons.append(c)
-            residuals.append(factor * (c.force - c.measured))
+            residuals.append(factor * (c.computed - c.measured))
             rows.append(factor[:, None] * c.slopes)
         jacobian = np.concatenate(rows) * self.slopes(values)
         return Evaluation(np.concatenate(residuals), jacobian, tuple(curves), tuple(comparisons))
@@ -287,13 +292,14 @@ class Objective:
             raise TrialError(str(error)) from error
         by = sha256(" ".join(map(str, targets)).encode()).hexdigest()[:8]
         marks = [f"{fingerprint(case)}-{by}" for case in cases]
-        stored = [self._load(mark) for mark in marks]
-        waiting = [i for i, curve in enumerate(stored) if curve is None]
-        fresh = self._fresh([cases[i] for i in waiting], targets)
-        for i, curve in zip(waiting, fresh, strict=True):
-            self._store.save(marks[i], marks[i], curve.as_lists())
-            stored[i] = curve
-        return [curve for curve in stored if curve is not None]
+        stored = {mark: self._load(mark) for mark in marks}
+        known = {mark: curve for mark, curve in stored.items() if curve is not None}
+        waiting = {mark: case for mark, case in zip(marks, cases, strict=True) if mark not in known}
+        fresh = self._fresh([*waiting.values()], targets)
+        for mark, curve in zip(waiting, fresh, strict=True):
+            self._store.save(mark, mark, curve.as_lists())
+            known[mark] = curve
+        return [known[mark] for mark in marks]
 
     def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[ResponseCurve]:
         """Return the curves of cases, computed now."""

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 
 from wovenfab.case import Case, CaseError, read_case
@@ -55,6 +56,7 @@ class ResponseCurve:
     Attributes:
         displacement: m, shape (steps,).
         force: N, shape (steps,).
+        work: External work since the start, J, shape (steps,).
         slopes: Derivatives of the force by the material parameters, shape (steps, parameters).
         turns: Rows at which the program reverses, first and last included.
         seconds: Wall time.
@@ -63,6 +65,7 @@ class ResponseCurve:
 
     displacement: Array
     force: Array
+    work: Array
     slopes: Array
     turns: tuple[int, ...]
     seconds: float
@@ -71,8 +74,9 @@ class ResponseCurve:
     @staticmethod
     def of(data: Mapping[str, Any]) -> ResponseCurve:
         """Return the curve of what :meth:`as_lists` gave."""
-        u, f, slopes = (np.array(data[k]) for k in ("displacement", "force", "slopes"))
-        return ResponseCurve(u, f, slopes, tuple(data["turns"]), data["seconds"])
+        names = "displacement", "force", "work", "slopes"
+        u, f, work, slopes = (np.array(data[name]) for name in names)
+        return ResponseCurve(u, f, work, slopes, tuple(data["turns"]), data["seconds"])
 
     def as_lists(self) -> dict[str, Any]:
         """Return it as JSON has it."""
@@ -105,10 +109,8 @@ def computed(case: Case, targets: Sequence[Target]) -> ResponseCurve:
         raise TrialError(str(error)) from error
     none = np.zeros(len(targets))
     rows = [s.derivatives.force if s.derivatives else none for s in steps]
-    u = np.array([s.displacement for s in steps])
-    return ResponseCurve(
-        u, np.array([s.force for s in steps]), np.array(rows), _turns(u), perf_counter() - started
-    )
+    u, f, work = np.array([(s.displacement, s.force, s.work) for s in steps]).T
+    return ResponseCurve(u, f, work, np.array(rows), _turns(u), perf_counter() - started)
 
 
 def command(case: Case, targets: Sequence[Target], ranks: int) -> Command:
@@ -141,23 +143,25 @@ def _turns(displacement: Array) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A measured curve beside the computed one.
+    """What was measured beside what is computed: forces (N) of a curve, or figures (SI units).
 
     Attributes:
-        rows: Rows of the measured curve that count.
-        measured: Their forces, N.
-        force: The computed forces there, N.
+        rows: Rows of the measured curve, or figures, that count.
+        measured: Their forces or values.
+        computed: The computed ones.
         slopes: Derivatives of these by all parameters, shape (rows, parameters).
         unresolved: What the force may differ by where the steps do not resolve the curve, else 0.
+        size: What a distance is a share of: the largest measured force, or each measured figure.
         beyond: Number of rows at displacements that the program does not reach.
         reach: Least and largest displacement of the program, m.
     """
 
     rows: NDArray[np.intp]
     measured: Array
-    force: Array
+    computed: Array
     slopes: Array
     unresolved: Array
+    size: Array
     beyond: int = 0
     reach: tuple[float, float] = (0.0, 0.0)
 
@@ -175,8 +179,8 @@ class Comparison:
 
     @property
     def shares(self) -> Array:
-        """Computed less measured force over the largest measured one."""
-        shares: Array = (self.force - self.measured) / np.abs(self.measured).max()
+        """Computed less measured ones, over their size."""
+        shares: Array = (self.computed - self.measured) / self.size
         return shares
 
     @property
@@ -199,8 +203,10 @@ def curve_of_history(displacement: Array, force: Array) -> ResponseCurve:
 
     It is straight between the steps, as it is drawn.
     """
-    slopes = np.zeros((len(force), 0))
-    return ResponseCurve(displacement, force, slopes, _turns(displacement), 0.0, straight=True)
+    slopes, work = np.zeros((len(force), 0)), cumulative_trapezoid(force, displacement, initial=0.0)
+    return ResponseCurve(
+        displacement, force, work, slopes, _turns(displacement), 0.0, straight=True
+    )
 
 
 def compared(
@@ -267,7 +273,8 @@ def compared(
             f"{measured.file.name}: the steps of the run resolve less than {FEWEST} of its rows, "
             "the others lie where friction reverses. Take more steps"
         )
-    return Comparison(rows, forces, computed, slopes, uncertain, wanted - count, reach)
+    size = np.full(count, np.abs(forces).max())
+    return Comparison(rows, forces, computed, slopes, uncertain, size, wanted - count, reach)
 
 
 def _check_signs(measured: Measured, program: Array) -> None:

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from wovenfab.record.results import write_whole
-from wovenfab.study.fit.fit_file import Fit, with_values
+from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest, with_values
 from wovenfab.study.fit.identifiability import Identifiability
+from wovenfab.study.fit.response import Comparison
 from wovenfab.study.fit.search import Found, Profile
 from wovenfab.study.fit.specimens import SpecimenValues
 
@@ -35,8 +36,15 @@ def write_result(
         "scatter": known.scatter,
         "bic": known.bic,
         "tests": [
-            {"measured": test.measured.file.name, "case": test.case.name, **_plain(asdict(f))}
-            for test, f in zip(fit.tests, known.fidelity, strict=True)
+            {
+                "measured": test.name,
+                "case": test.case.name,
+                **_figures(test, c),
+                **_plain(asdict(f)),
+            }
+            for test, c, f in zip(
+                fit.tests, found.evaluation.comparisons, known.fidelity, strict=True
+            )
         ],
         "profiles": [_plain(asdict(one)) for one in profiles],
         "specimens": [asdict(one) for one in specimens],
@@ -50,6 +58,19 @@ def write_result(
         which = "" if len(fit.tests) == 1 else f"{number + 1}-"
         case = with_values(test.case, fit.unknowns, found.values)
         write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
+
+
+def _figures(test: MeasuredTest | FigureTest, comparison: Comparison) -> dict[str, Any]:
+    """Return the figures of a test, if it has any: measured, fitted and error, in SI units."""
+    if not isinstance(test, FigureTest):
+        return {}
+    pairs = zip(test.figures, comparison.computed, strict=True)
+    return {
+        "figures": {
+            f.name: {"measured": f.value, "fitted": float(c), "error": f.error, "unit": f.unit}
+            for f, c in pairs
+        }
+    }
 
 
 def _plain(data: dict[str, Any]) -> dict[str, Any]:

@@ -135,9 +135,9 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
         return values
     upper = lower = 0.0
     for test, c in zip(fit.tests, first.comparisons, strict=True):
-        weighted = np.where(c.resolved, c.force / test.errors[c.rows] ** 2, 0.0)
+        weighted = np.where(c.resolved, c.computed / test.errors[c.rows] ** 2, 0.0)
         upper += float(weighted @ c.measured)
-        lower += float(weighted @ c.force)
+        lower += float(weighted @ c.computed)
     factor = max(upper / lower, 1e-6) if lower else 1.0
     return values | {u.name: float(np.clip(u.start * factor, *u.bounds)) for u in free}
 
@@ -353,21 +353,20 @@ def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
     """Return whether the solution is near: by the relative offset, or by the linear step.
 
     Args:
-        residuals: Shape (n,).
+        residuals: Shape (n,); the offset needs more than p of them.
         jacobian: Their derivatives by the scaled parameters that may move, shape (n, p).
         near: Relative offset that is near.
     """
-    if offset(residuals, jacobian) <= near:
+    n, p = jacobian.shape
+    if not p or (n > p and offset(residuals, jacobian) <= near):
         return True
     step = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
     return bool(np.abs(step).max() <= LEAST_STEP)
 
 
 def offset(residuals: Array, jacobian: Array) -> float:
-    """Return the relative offset of Bates and Watts; zero without parameters that may move."""
+    """Return the relative offset of Bates and Watts of n residuals by p < n parameters."""
     n, p = jacobian.shape
-    if not p or n <= p:
-        return 0.0
     basis, _ = np.linalg.qr(jacobian)
     along = basis.T @ residuals
     rest = residuals @ residuals - along @ along
@@ -408,7 +407,10 @@ def _error(
 
 
 def _distance(a: Evaluation, b: Evaluation, rows: NDArray[np.bool_]) -> float:
-    """Return the root mean square distance of two computed curves over the largest force."""
+    """Return the root mean square distance of two computed curves over the largest force.
+
+    That of figures is over each measured one.
+    """
     pairs = zip(a.comparisons, b.comparisons, strict=True)
-    parts = [(x.force - y.force) / np.abs(x.measured).max() for x, y in pairs]
+    parts = [(x.computed - y.computed) / x.size for x, y in pairs]
     return float(np.sqrt(np.mean(np.concatenate(parts)[rows] ** 2)))

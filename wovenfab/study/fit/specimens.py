@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wovenfab.study.fit.fit_file import Fit
+from wovenfab.study.fit.fit_file import Fit, MeasuredTest
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.search import Found
 
@@ -45,11 +45,10 @@ def specimen_values(objective: Objective, fit: Fit, found: Found) -> tuple[Speci
     ends = np.cumsum([0, *(c.rows.size for c in e.comparisons)])
     result = []
     for number, (test, c) in enumerate(zip(fit.tests, e.comparisons, strict=True)):
-        specimens = test.replicates.specimens
-        if len(specimens) == 1:
+        if not isinstance(test, MeasuredTest) or len(test.specimens) == 1:
             continue
         part = slice(ends[number], ends[number + 1])
-        for own, specimen in enumerate(specimens):
+        for own, specimen in enumerate(test.specimens):
             forces = test.replicates.forces[own, c.rows]
             change = np.zeros_like(weights)
             change[part] = weights[part] * test.factors[c.rows] * (c.measured - forces)
@@ -64,7 +63,7 @@ def in_words(specimens: Sequence[SpecimenValues], fit: Fit) -> list[str]:
     lines = []
     for number, test in enumerate(fit.tests):
         own = [s for s in specimens if s.test == number]
-        names = ", ".join(one.file.stem for one in test.replicates.specimens)
+        names = ", ".join(one.file.stem for one in test.specimens)
         for unknown in fit.unknowns if own else ():
             values = np.array([s.values[unknown.name] for s in own])
             shown = ", ".join(f"{value:.4g}" for value in values)
