@@ -20,7 +20,6 @@ from tests.verification.test_growing_friction import (
     SIDE,
     TOP,
     Array,
-    grown,
     picture_frame,
     sample,
 )
@@ -225,4 +224,3 @@ def test_strength_that_grows_is_that_of_the_present_angle(tmp_path: Path) -> Non
     found = list(wovenfab.steps(picture_frame(tmp_path, angles, friction, solver=EXACT)))
     stress = torques(found, angles)
     assert stress[4:] == pytest.approx(3 * (1 + (angles[4:] / ANGLE) ** 2), rel=1e-6)
-    assert grown(3.0).function(None, 0.0) == STRENGTH

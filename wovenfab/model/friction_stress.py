@@ -149,7 +149,7 @@ class FrictionStress:
         """Return the means of the largest stresses over the shear angles of the step."""
         if self.term.angle is None or self.creeps:
             return self.strengths()
-        return np.repeat(self.at_points(self._compiled_mean)[:: self.size], self.size)
+        return self.at_points(self._compiled_mean)
 
     def increments(self) -> Array:
         """Return the increments b of the present field."""
