@@ -101,6 +101,7 @@ class InteriorPoint:
         area: Area that each value stands for, m^2.
         stress: tau, as the forms have it.
         diagonal: Size of the diagonal of the tangent without friction, N/m; 0 if unknown.
+        started: Whether the stress is an iterate of the method.
     """
 
     def __init__(self, frictions: Sequence[FrictionStress], comm: MPI.Comm, factor: Any) -> None:
@@ -132,7 +133,7 @@ class InteriorPoint:
         self._least = none  # increment that counts as none
         self._last_tangent: Array | None = None  # d tau/d b at the end of the last step, N/m^3
         self._goes_on = False  # whether the present step goes on as the last one
-        self._started = False  # whether the stress is an iterate of the method
+        self.started = False
 
     @property
     def varies(self) -> bool:
@@ -150,7 +151,7 @@ class InteriorPoint:
         Args:
             diagonal: Assembles the tangent and returns the size of its diagonal, N/m.
         """
-        self._started = False
+        self.started = False
         if not self.diagonal:
             self._measure_stiffness(diagonal)
             self._secant = UNKNOWN * self._stiffness
@@ -169,11 +170,11 @@ class InteriorPoint:
         largest = self._largest(self._increment)
         if self._sum(float(largest.any())) and self.acts:  # a rank may have no such point
             self._secant = SECANT * self.bound / np.maximum(largest, 1 / HUGE)
-        self._last_tangent = self._linearised()[1] if self._started else None
+        self._last_tangent = self._linearised()[1] if self.started else None
 
     def restore(self) -> None:
         """Go back to the stresses of the accepted state."""
-        self._last_tangent, self._started = None, False
+        self._last_tangent, self.started = None, False
         self._set_stress(self._accepted)
 
     def snapshot(self) -> dict[str, Any]:
@@ -191,7 +192,7 @@ class InteriorPoint:
 
     def put_tangent(self) -> None:
         """Give the forms d tau/d b of the present iterate."""
-        self.give_tangent(self._linearised()[1] if self._started else self._first_tangent())
+        self.give_tangent(self._linearised()[1] if self.started else self._first_tangent())
 
     def correct(self, step: Array, solve: Callable[[Array], Array]) -> tuple[Array, float]:
         """Find Newton's step and the search direction of the stresses; collective.
@@ -204,7 +205,7 @@ class InteriorPoint:
             The step that belongs to the direction, and the largest length that keeps the
             stresses inside their bounds, up to one.
         """
-        if not self._started:
+        if not self.started:
             return step, 1.0
         creep, tangent = self._linearised()
 
@@ -243,7 +244,7 @@ class InteriorPoint:
         Args:
             length: The largest that keeps the iterate admissible, up to one.
         """
-        if self._goes_on and not self._started and length < 1.0:
+        if self._goes_on and not self.started and length < 1.0:
             self._goes_on = False
             self._extrapolate()
             return 0.0
@@ -259,7 +260,7 @@ class InteriorPoint:
         if not self.acts:
             return
         self._increment = self._all(FrictionStress.increments)
-        if self._started:
+        if self.started:
             self.take_step(self._direction, length)
             return
         self._extrapolate()
@@ -276,7 +277,7 @@ class InteriorPoint:
         """
         if not self.acts:
             return True
-        if not self._started:  # nothing has moved, and nothing creeps
+        if not self.started:  # nothing has moved, and nothing creeps
             active = any(f.creeps for f in self._frictions) or bool(self._increment.any())
             return not self._sum(float(active))
         gap, loss = self._sum(self.gap()), self._sum(self.loss())
@@ -294,7 +295,7 @@ class InteriorPoint:
         tangent = by_bound = np.zeros_like(self._accepted)
         if self.acts:
             tangent = STUCK * self._stiffness
-            if self._started:
+            if self.started:
                 tangent, by_bound = self._linearised(STUCK)[1], -self.bound_slope()
         self.give_tangent(tangent)
         return tangent, by_bound
@@ -515,7 +516,7 @@ class InteriorPoint:
         slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
         self.start_stress(self.stress, sliding, slip if near else None)
         self.start_split(self._increment - self._creep()[0], slip, near)
-        self._started = True
+        self.started = True
         return True
 
     def _longest(self, direction: Direction) -> float:

@@ -4,8 +4,9 @@ SNES calls back for residual and tangent. Before it takes a step, ``limit_step``
 step admissible (no crossing of the families) and, once the prescribed placements are
 attained, shortens it until the incremental potential falls enough.
 
-Two modified tangents replace an indefinite one. Where the line search shortens a step, the
-positive part of the tangent gives another one: sharply bent yarns turn, and their potential in
+Two modified tangents replace an indefinite one. Where the line search shortens a step, or where
+friction at its bound leaves no potential to search on, the positive part of the tangent gives
+another one: sharply bent yarns turn, and their potential in
 Cartesian placements is far from the tangent's paraboloid. Where a run follows the branches
 beyond a loss of stability, each indefinite tangent is shifted instead. The positive part lacks
 the compressive forces that choose a branch; with it the compression case needs more steps.
@@ -210,7 +211,12 @@ class NewtonSolver:
         if problem.attained and self.options.descend:
             self.spectrum.shift(self.snes.getFunction()[0], y)
         model.last.x.array[:] = model.field.x.array
-        inside = self._correct(y) if problem.friction else 1.0
+        inside = 1.0
+        if problem.friction:
+            # No line search shortens the far step that an indefinite tangent may give.
+            if problem.friction.started and self.spectrum.saddle:
+                self._take_positive_part(x, y)
+            inside = self._correct(y)
         length = min(inside, self.admissible_length(y))
         if problem.friction:
             self.line_search.note(length)
@@ -257,17 +263,26 @@ class NewtonSolver:
         length = search.along(self.step, force.dot(y), longest, roundoff, loose=not saddle)
         if length == longest or not saddle:
             return length
-        weight = self.problem.model.geometric_weight
-        with preserved(weight):
-            weight.value = 0.0
-            self.form_tangent(x)
-        if not self.spectrum.replace(force, y):
+        if not self._take_positive_part(x, y):
             return length
         search.potential, search.failures = before
         longest = min(self.admissible_length(y), 1.0)
         length = search.along(self.step, force.dot(y), longest, roundoff)
         search.decrement = np.inf  # only the tangent itself converges quadratically
         return length
+
+    def _take_positive_part(self, x: Any, y: Any) -> bool:
+        """Replace Newton's step by that of the tangent's positive part; return whether it is.
+
+        Args:
+            x: The iterate.
+            y: Newton's step, to be subtracted; it is overwritten.
+        """
+        weight = self.problem.model.geometric_weight
+        with preserved(weight):
+            weight.value = 0.0
+            self.form_tangent(x)
+        return self.spectrum.replace(self.snes.getFunction()[0], y)
 
     def test(self, snes: Any, iteration: int, norms: tuple[float, float, float]) -> int:
         """Return PETSc's reason to end the solve, or that it goes on."""
