@@ -256,6 +256,14 @@ def sensitivities(
             help="A parameter, as in --by shear.stiffness; all of the case unless given.",
         ),
     ] = None,
+    fit: Annotated[
+        Path | None,
+        _option(
+            "--fit",
+            metavar="FILE",
+            help="Predict with the parameters of a fit (its fit.json), with a band of 95 %.",
+        ),
+    ] = None,
 ) -> None:
     """Differentiate force and dissipated energy by each parameter, along the whole program.
 
@@ -263,7 +271,7 @@ def sensitivities(
     """
     from wovenfab.cli.studies import differentiate
 
-    sys.exit(differentiate(case, output, overrides or [], by or [], fabric))
+    sys.exit(differentiate(case, output, overrides or [], by or [], fabric, fit))
 
 
 @app.command()

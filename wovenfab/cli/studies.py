@@ -98,26 +98,40 @@ def differentiate(
     overrides: Sequence[str],
     by: Sequence[str],
     fabric: Path | None = None,
+    fit: Path | None = None,
 ) -> int:
-    """Write and draw the derivatives of a run by its parameters; collective."""
+    """Write and draw the derivatives of a run by its parameters; collective.
+
+    With the result of a ``fit`` its parameters are taken, and the band that they leave is added.
+    """
     case = read_case(path, overrides, fabric)
     from mpi4py import MPI
     from pydantic_core import PydanticCustomError
 
     from wovenfab.case.errors import reason
-    from wovenfab.report.study_pictures import draw_sensitivities
+    from wovenfab.report.study_pictures import draw_bands, draw_sensitivities
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
     from wovenfab.stepping.step import Step, StepFailedError
     from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
+    from wovenfab.study.fit.prediction import in_words, prediction, read_fitted, with_band
 
     console = Console()
-    try:
-        named = [target_of(name, case) for name in by] or parameters_of(case)
-        targets = [by_factor(target, case) for target in named]
-    except PydanticCustomError as error:
-        raise CaseError([case.problem("effects", *reason(error))]) from error
+    if fit and by:
+        console.problem("--by and --fit both say by which parameters: give one of them")
+        return BAD_INPUT
+    predicted = prediction(case, read_fitted(fit)) if fit else None
+    if predicted:
+        case, targets = predicted.case, [*predicted.targets.values()]
+        for line in predicted.replaced:
+            console.say(line)
+    else:
+        try:
+            named = [target_of(name, case) for name in by] or parameters_of(case)
+            targets = [by_factor(target, case) for target in named]
+        except PydanticCustomError as error:
+            raise CaseError([case.problem("effects", *reason(error))]) from error
     end = program_of_case(case).milestones[-1].time
 
     def report(step: Step) -> None:
@@ -135,6 +149,10 @@ def differentiate(
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-sensitivities"
         directory.mkdir(parents=True, exist_ok=True)
+        if predicted:
+            columns = with_band(columns, predicted)
+            draw_bands(columns, directory / "band.png")
+            console.say("\n".join(in_words(columns, predicted)))
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         write_csv(directory / "sensitivities.csv", rows)
         values = {str(t): value_of(t, case) for t in targets}

@@ -45,8 +45,10 @@ from wovenfab.measured.workbook import SUFFIXES
 from wovenfab.record.figures import PURE, StandardTest, figures_at_rest
 
 Array = NDArray[np.float64]
-#: Parameters of the testing machine, with their units: a spring in series with the sample, and
-#: displacement and force of the machine where the sample has none.
+#: What the names of parameters of the testing machine begin with.
+MACHINE_NAME = "machine"
+#: These parameters, with their units: a spring in series with the sample, and displacement and
+#: force of the machine where the sample has none.
 MACHINE = {"compliance": "m/N", "displacement": "m", "force": "N"}
 #: Names of measured files.
 MEASURED = (".csv", ".tsv", ".txt", ".dat", *SUFFIXES)
@@ -301,6 +303,10 @@ class FitParameter:
     bounds: tuple[float, float]
     by_factors: bool
 
+    def slope(self, value: float) -> float:
+        """Return the derivative of a value by the scaled parameter, in the unit."""
+        return value if self.by_factors else self.bounds[1] - self.bounds[0]
+
 
 @dataclass(frozen=True)
 class MeasuredTest:
@@ -460,7 +466,7 @@ def read_fit(path: Path) -> Fit:
                 problems.append(document.problem(("parameters", unknown.name), message))
             elif unknown.target:
                 try:  # the same number must be there in each case
-                    _meaning(unknown.target, test.case)
+                    meaning_of(unknown.target, test.case)
                 except PydanticCustomError as error:
                     message, remedy = reason(error)
                     message = f"in the case of tests.{number} {message}"
@@ -541,7 +547,7 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
         PydanticCustomError: With message and remedy.
     """
     effect, _, rest = name.partition(".")
-    if effect == "machine":
+    if effect == MACHINE_NAME:
         if rest not in MACHINE:
             raise value_error(f"the machine has no {rest!r}", f"It has {', '.join(MACHINE)}.")
         unit, target, value, least = MACHINE[rest], None, 0.0, -inf
@@ -549,7 +555,7 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
             least = 0.0
     else:
         target = target_of(name, case)
-        unit, value, least = _meaning(target, case)
+        unit, value, least = meaning_of(target, case)
     start = _si(sought.start, unit) if sought.start is not None else value
     if sought.bounds is not None:
         low, high = (_si(b, unit) for b in sought.bounds)
@@ -614,7 +620,7 @@ def target_of(name: str, case: Case) -> Target:
     return target
 
 
-def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
+def meaning_of(target: Target, case: Case) -> tuple[str, float, float]:
     """Return a parameter's unit, its value in the case and its least value."""
     value = case.effects[target.effect][target.parameter]
     if isinstance(value, tuple):
@@ -663,24 +669,26 @@ def with_values(
 ) -> Case:
     """Return a case with other values of its material parameters, by name and in their units."""
     for unknown in unknowns:
-        if (target := unknown.target) is None:
-            continue
-        old = case.effects[target.effect][target.parameter]
-        pair = old if isinstance(old, tuple) else (old,)
-        new: list[Any] = [
-            v.text if isinstance(v, Expression) else units.write(v, unknown.unit) for v in pair
-        ]
-        value, families = values[unknown.name], target.families if len(pair) == 2 else (0,)
-        for family in families:
-            old_value, first = pair[family], pair[families[0]]
-            if isinstance(old_value, Expression):
-                new[family] = with_coefficient(old_value, target.coefficient, value)
-            else:  # the second family keeps its ratio to the first
-                if isinstance(first, Expression) or old_value == first:
-                    ratio = 1.0
-                else:
-                    ratio = old_value / first
-                new[family] = units.write(value * ratio, unknown.unit)
-        key = f"effects.{target.effect}.{target.parameter}"
-        case = case.changed({key: new if len(pair) == 2 else new[0]})
+        if unknown.target is not None:
+            case = with_value(case, unknown.target, values[unknown.name], unknown.unit)
     return case
+
+
+def with_value(case: Case, target: Target, value: float, unit: str) -> Case:
+    """Return a case with another value of a parameter, in its unit."""
+    old = case.effects[target.effect][target.parameter]
+    pair = old if isinstance(old, tuple) else (old,)
+    new: list[Any] = [v.text if isinstance(v, Expression) else units.write(v, unit) for v in pair]
+    families = target.families if len(pair) == 2 else (0,)
+    for family in families:
+        old_value, first = pair[family], pair[families[0]]
+        if isinstance(old_value, Expression):
+            new[family] = with_coefficient(old_value, target.coefficient, value)
+        else:  # the second family keeps its ratio to the first
+            if isinstance(first, Expression) or old_value == first:
+                ratio = 1.0
+            else:
+                ratio = old_value / first
+            new[family] = units.write(value * ratio, unit)
+    key = f"effects.{target.effect}.{target.parameter}"
+    return case.changed({key: new if len(pair) == 2 else new[0]})
