@@ -162,7 +162,8 @@ def cloud(folder: Path, generator: random.Random) -> None:
     """Read a mutated cloud."""
     path = folder / "cloud.csv"
     path.write_bytes(worded(generator.choice(CLOUDS), generator))
-    points, moved = read_cloud(path, generator.choice(LAYOUTS))
+    found = read_cloud(path, generator.choice(LAYOUTS))
+    points, moved = found.points, found.displacements
     assert points.shape == moved.shape and np.isfinite([points, moved]).all()
 
 

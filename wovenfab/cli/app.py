@@ -454,6 +454,18 @@ def export(
             help="Measured displacements of points (x, y, ux, uy): map of the distances.",
         ),
     ] = None,
+    align: Annotated[
+        bool,
+        typer.Option("--align", help="Find how the camera's coordinates are turned and moved."),
+    ] = False,
+    positions: Annotated[
+        str,
+        typer.Option(
+            "--positions",
+            metavar="auto|rest|moved",
+            help="Whether x and y are positions at rest or moved ones.",
+        ),
+    ] = "auto",
     columns: Columns = None,
     units: Units = None,
     rows: Rows = None,
@@ -469,7 +481,7 @@ def export(
     from wovenfab.measured.layout import layout_of_options
 
     layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, CLOUD)
-    sys.exit(export_results(directory, output, at, every, last, compare, layout))
+    sys.exit(export_results(directory, output, at, every, last, compare, layout, align, positions))
 
 
 @app.command()
