@@ -57,7 +57,7 @@ CELLS = (
     *("1/0", "\x1b[31m"),
 )  # fmt: skip
 #: Keys of a test that are added to fit files, and some of their values.
-MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle")
+MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle", "thin")
 GIVEN = ("1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N")
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-32", "cp1252", "latin-1")
 LAYOUTS = (

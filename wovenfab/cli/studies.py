@@ -286,7 +286,7 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
     from wovenfab.study.fit.figures import in_words as of_figures
-    from wovenfab.study.fit.fit_file import FigureTest
+    from wovenfab.study.fit.fit_file import FigureTest, MeasuredTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
@@ -303,6 +303,10 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
             console.say(f"  {curve.file.name}: {curve.reading}")
             for note in curve.reading.notes:
                 console.say(f"    {note}")
+    for test in fit.tests:
+        if isinstance(test, MeasuredTest) and test.thinning:
+            size = float(abs(test.measured.force).max())
+            console.say(f"  {test.thinning.in_words(test.name, size)}")
     place = directory / RUNS
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
         found = search_with_slack(objective, fit)

@@ -41,6 +41,7 @@ from wovenfab.measured.correction import Correction, corrected
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 from wovenfab.measured.replicates import Replicates, replicates_of
+from wovenfab.measured.thinning import Thinning, thinned
 from wovenfab.measured.workbook import SUFFIXES
 from wovenfab.record.figures import PURE, StandardTest, figures_at_rest
 
@@ -91,6 +92,11 @@ def _lines(value: Any) -> tuple[int, int] | None:
         ) from None
 
 
+_ShareOrForce = Annotated[
+    tuple[float, bool],
+    BeforeValidator(_share_or_force, json_schema_input_type=str),
+    PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
+]
 _Number = Annotated[int, Count(least=0, most=1_000_000)]
 _Force = Annotated[float, Quantity(unit="N", least=0.0)]
 _Rows = Annotated[
@@ -217,11 +223,11 @@ class Test(Section):
     cycle: _Number = Field(default=0, examples=[5])
     """The only cycle that counts, from 1; it is compared with the last one of the program."""
 
-    error: Annotated[
-        tuple[float, bool],
-        BeforeValidator(_share_or_force, json_schema_input_type=str),
-        PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
-    ] = Field(default=(0.01, True), examples=["1 %"])
+    thin: _ShareOrForce | None = Field(default=None, examples=["0.1 %"])
+    """Distance, in N or of the largest force, within which straight lines between means of
+    neighbouring rows follow the record, beyond its noise: the means take the place of the rows."""
+
+    error: _ShareOrForce = Field(default=(0.01, True), examples=["1 %"])
     """Standard error of a measured force, in N or of the largest force; of replicates the least
     one of their mean; of figures that of each, of its value."""
 
@@ -318,6 +324,7 @@ class MeasuredTest:
         error: Standard error of a force, N; of replicates the least one of their mean.
         weight: Its weight.
         toe: Displacement (m) below which points are left out.
+        thinning: What became of the rows of the record; None if all are there.
     """
 
     case: Case
@@ -325,6 +332,7 @@ class MeasuredTest:
     error: float
     weight: float
     toe: float
+    thinning: Thinning | None = None
 
     @property
     def name(self) -> str:
@@ -347,9 +355,11 @@ class MeasuredTest:
 
         That of the mean of replicates, and the stated error at least: the scatter of a few
         specimens is small by chance at some rows, which would then outweigh all others, and what
-        the machine errs is the same in all specimens.
+        the machine errs is the same in all specimens. Where rows are means of a record's rows, each
+        weighs as many of these as it stands for.
         """
-        return np.maximum(self.replicates.error, self.error)
+        errors = np.maximum(self.replicates.error, self.error)
+        return np.asarray(errors / np.sqrt(self.replicates.shares))
 
     @property
     def factors(self) -> Array:
@@ -535,9 +545,13 @@ def _curve_test(test: Test, case: Case) -> MeasuredTest:
     correction = Correction(test.drift, test.zero, test.preload, test.cycle)
     curves = [corrected(read_measured(f, layout, specimen), correction) for f in test.measured]
     replicates = replicates_of(curves)
-    number, share = test.error
-    error = number * float(abs(replicates.mean.force).max()) if share else number
-    return MeasuredTest(case, replicates, error, test.weight, test.toe)
+    size, thinning = float(abs(replicates.mean.force).max()), None
+    error, within = (
+        number * size if share else number for number, share in (test.error, test.thin or (0.0, 1))
+    )
+    if test.thin:
+        replicates, thinning = thinned(replicates, within)
+    return MeasuredTest(case, replicates, error, test.weight, test.toe, thinning)
 
 
 def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:

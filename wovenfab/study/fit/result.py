@@ -46,6 +46,7 @@ def write_result(
                 "measured": test.name,
                 "case": test.case.name,
                 **_figures(test, c),
+                **_thinning(test),
                 **_plain(asdict(f)),
             }
             for test, c, f in zip(
@@ -77,6 +78,12 @@ def _figures(test: MeasuredTest | FigureTest, comparison: Comparison) -> dict[st
             for f, c in pairs
         }
     }
+
+
+def _thinning(test: MeasuredTest | FigureTest) -> dict[str, Any]:
+    """Return what became of the rows of a record, in SI units; nothing where all are there."""
+    found = test.thinning if isinstance(test, MeasuredTest) else None
+    return {"thinning": asdict(found)} if found else {}
 
 
 def _plain(data: dict[str, Any]) -> dict[str, Any]:
