@@ -89,11 +89,19 @@ def test_what_the_edges_do_not_tell_is_said_and_may_be_chosen(two: Path) -> None
     at = stored.at(points)
     u = (at("displacement_1", INDEX) + at("displacement_2", INDEX)) / 2
     moved = MeasuredCloud(points + u, u)
+    exact = placed(stored, INDEX, moved)
+    assert "moved back" in exact.notes[0]  # by the distances, which are far less so
+    np.testing.assert_allclose(exact.cloud.points, points, atol=1e-15)
+    off = np.linalg.norm(placed(stored, INDEX, moved, positions="rest").cloud.points - points)
+    assert off > 0.01
+    at = stored.at(moved.points)
+    wrong = (at("displacement_1", INDEX) + at("displacement_2", INDEX)) / 2 - u
+    moved = MeasuredCloud(points + u, u + 0.4 * wrong)  # a model with an error of that size
     auto = placed(stored, INDEX, moved)
     assert "do not tell" in auto.notes[0] and "--positions moved" in auto.notes[0]
     np.testing.assert_array_equal(auto.cloud.points, moved.points)
     chosen = placed(stored, INDEX, moved, positions="moved")
-    np.testing.assert_allclose(chosen.cloud.points, points, atol=1e-15)
+    np.testing.assert_allclose(chosen.cloud.points, points - 0.4 * wrong, atol=1e-15)
 
 
 def test_a_uniform_displacement_does_not_tell_the_camera(two: Path) -> None:

@@ -43,8 +43,9 @@ VAGUE = 0.05
 BESIDE, FEWER = 0.02, 0.25
 #: Distances over the largest displacement from which on a mirrored cloud is tried, too.
 POOR = 0.02
-#: Root mean squares whose ratio is nearer to one say the same.
-SAME = 0.9
+#: Distances of moved positions over those at rest from which on both fit as well, and up to which
+#: they are moved ones whatever the model's error.
+SAME, CLEAR = 0.9, 0.25
 
 
 class AlignmentError(ValueError):
@@ -252,13 +253,17 @@ def _which(
             if name == "moved":
                 return name, [f"positions are moved ones, and were moved back: {told}"]
             return name, []
-    low, high = sorted(rms.values())
-    if not low < SAME * high:  # displacements are small, or nothing tells
+    if not rms["moved"] < SAME * rms["rest"]:  # displacements are small, or fit better at rest
         return "rest", []
-    distances = f"{1e3 * rms['rest']:.3g} mm and {1e3 * rms['moved']:.3g} mm"
+    distances = (
+        f"distances are {1e3 * rms['rest']:.3g} mm as positions at rest and "
+        f"{1e3 * rms['moved']:.3g} mm as moved ones (root mean square)"
+    )
+    if rms["moved"] < CLEAR * rms["rest"]:
+        return "moved", [f"positions are moved ones, and were moved back: {told}; {distances}"]
     return "rest", [
-        f"positions are taken as those at rest, but the sheet's edges do not tell ({told}); "
-        f"distances are {distances} (root mean square): --positions moved takes the other"
+        f"positions are taken as those at rest, but the sheet's edges do not tell ({told}): "
+        f"{distances}; --positions moved takes these"
     ]
 
 
