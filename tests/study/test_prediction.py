@@ -176,7 +176,7 @@ def test_a_fit_leaves_a_file_from_which_another_size_is_predicted(tmp_path: Path
     assert wovenfab("fit", "fit.yaml", "-o", "out", "--jobs", "1", cwd=tmp_path).returncode == 0
     told = wovenfab(
         "sensitivities", "case.yaml", "--set", "sheet.length=400 mm", "--fit", "out", "-o", "band",
-        cwd=tmp_path,
+        "--lab", "curve.csv", cwd=tmp_path,
     )  # fmt: skip
     assert told.returncode == 0, told.stderr
     result = json.loads((tmp_path / "out" / "fit.json").read_text())
@@ -188,6 +188,8 @@ def test_a_fit_leaves_a_file_from_which_another_size_is_predicted(tmp_path: Path
     assert ratio == pytest.approx(one["half"] + one["shift"], rel=1e-3)
     assert f"{last['force_N']:.4g} +-" in told.stdout
     assert (tmp_path / "band" / "band.png").exists()
+    # Twice as long, the sample has half the force: its own curve lies beside the band.
+    assert "curve.csv: 1 of 11 measured forces" in told.stdout
 
 
 @pytest.mark.parametrize(

@@ -264,14 +264,27 @@ def sensitivities(
             help="Predict with the parameters of a fit (its fit.json), with a band of 95 %.",
         ),
     ] = None,
+    lab: Annotated[
+        Path | None,
+        _option("--lab", metavar="FILE", help="A measured curve beside the band of --fit."),
+    ] = None,
+    columns: Columns = None,
+    units: Units = None,
+    rows: Rows = None,
+    decimal: Decimal = None,
+    sheet: Sheet = None,
 ) -> None:
     """Differentiate force and dissipated energy by each parameter, along the whole program.
 
-    Table and picture go into results/<name of the case>-sensitivities.
+    Table and picture go into results/<name of the case>-sensitivities. The last five options say
+    how the file of --lab is read.
     """
     from wovenfab.cli.studies import differentiate
+    from wovenfab.measured.layout import layout_of_options
+    from wovenfab.measured.names import SI
 
-    sys.exit(differentiate(case, output, overrides or [], by or [], fabric, fit))
+    layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, SI)
+    sys.exit(differentiate(case, output, overrides or [], by or [], fabric, fit, lab, layout))
 
 
 @app.command()

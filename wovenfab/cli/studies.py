@@ -20,6 +20,8 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
+from wovenfab.measured.curve import read_measured
+from wovenfab.measured.layout import EMPTY, Layout
 from wovenfab.record.results import write_csv
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.cluster import Cluster
@@ -99,10 +101,13 @@ def differentiate(
     by: Sequence[str],
     fabric: Path | None = None,
     fit: Path | None = None,
+    lab: Path | None = None,
+    layout: Layout = EMPTY,
 ) -> int:
     """Write and draw the derivatives of a run by its parameters; collective.
 
-    With the result of a ``fit`` its parameters are taken, and the band that they leave is added.
+    With the result of a ``fit`` its parameters are taken, and the band that they leave is added,
+    beside the curve of a ``lab``.
     """
     case = read_case(path, overrides, fabric)
     from mpi4py import MPI
@@ -115,12 +120,26 @@ def differentiate(
     from wovenfab.stepping.step import Step, StepFailedError
     from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
-    from wovenfab.study.fit.prediction import in_words, prediction, read_fitted, with_band
+    from wovenfab.study.fit.prediction import (
+        in_words,
+        measured_beside,
+        prediction,
+        read_fitted,
+        with_band,
+    )
 
     console = Console()
     if fit and by:
         console.problem("--by and --fit both say by which parameters: give one of them")
         return BAD_INPUT
+    if not fit and lab:
+        console.problem("--lab is drawn beside the band of a fit: give --fit, too")
+        return BAD_INPUT
+    if not lab and layout != EMPTY:
+        options = "--columns, --units, --rows, --decimal and --sheet"
+        console.problem(f"{options} are of the file of --lab")
+        return BAD_INPUT
+    measured = read_measured(lab, layout) if lab else None
     predicted = prediction(case, read_fitted(fit)) if fit else None
     if predicted:
         case, targets = predicted.case, [*predicted.targets.values()]
@@ -151,8 +170,9 @@ def differentiate(
         directory.mkdir(parents=True, exist_ok=True)
         if predicted:
             columns = with_band(columns, predicted)
-            draw_bands(columns, directory / "band.png")
-            console.say("\n".join(in_words(columns, predicted)))
+            draw_bands(columns, directory / "band.png", measured)
+            beside = [measured_beside(columns, measured)] if measured else []
+            console.say("\n".join([*in_words(columns, predicted), *beside]))
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         write_csv(directory / "sensitivities.csv", rows)
         values = {str(t): value_of(t, case) for t in targets}

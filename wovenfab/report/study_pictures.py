@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
+from wovenfab.measured.curve import Measured
 from wovenfab.report.style import (
     APART,
     DASHES,
@@ -180,12 +181,15 @@ def draw_sensitivities(
         return save(figure, path)
 
 
-def draw_bands(columns: Mapping[str, Sequence[float]], path: Path) -> Path:
+def draw_bands(
+    columns: Mapping[str, Sequence[float]], path: Path, measured: Measured | None = None
+) -> Path:
     """Draw predicted force and dissipated energy with their bands of 95 % over the displacement.
 
     Args:
         columns: Of ``study.fit.prediction.with_band``.
         path: The picture.
+        measured: A curve whose forces are drawn, too.
     """
     u = np.asarray(columns["displacement_m"])
     turns = curve_of_history(u, np.asarray(columns["force_N"])).turns
@@ -205,6 +209,10 @@ def draw_bands(columns: Mapping[str, Sequence[float]], path: Path) -> Path:
             axes.plot(MILLIMETRE.factor * u, value, color=APART[0], label="prediction")
             noun = "force" if name == "force_N" else "dissipated energy"
             axes.set_ylabel(f"{noun} ({unit.name})")
+            if measured is not None and axes is upper:
+                points = MILLIMETRE.factor * measured.displacement, unit.factor * measured.force
+                plain = measured.file.name.replace("$", r"\$")  # no formula
+                axes.plot(*points, "o", color=QUIET, markersize=3, mfc="none", label=plain)
         upper.legend(fontsize=7)
         lower.set_xlabel(DISPLACEMENT)
         return save(figure, path)

@@ -25,10 +25,12 @@ from pydantic_core import PydanticCustomError
 from wovenfab.case import Case, CaseError, case_error
 from wovenfab.case.errors import reason
 from wovenfab.forms.effect import Target
+from wovenfab.measured.curve import Measured
 from wovenfab.record.history import index_of_peak
 from wovenfab.study.effects import by_factor
 from wovenfab.study.fit.fit_file import MACHINE_NAME, meaning_of, target_of, with_value
 from wovenfab.study.fit.identifiability import JointUncertainty
+from wovenfab.study.fit.response import BranchError, compared, curve_of_history
 from wovenfab.study.fit.result import RESULT
 
 Array = NDArray[np.float64]
@@ -233,6 +235,30 @@ def in_words(columns: Mapping[str, Sequence[float]], made: Prediction) -> list[s
         "the scatter of a new measurement."
     )
     return lines
+
+
+def measured_beside(columns: Mapping[str, Sequence[float]], measured: Measured) -> str:
+    """Return in a sentence how many measured forces lie within the band, and how far they are.
+
+    Args:
+        columns: With their bands.
+        measured: A measured curve of the test that is predicted.
+    """
+    u, name = np.asarray(columns["displacement_m"]), measured.file.name
+    band = [np.asarray(columns[end]) for end in QUANTITIES["force_N"][1:]]
+    try:
+        found, low, high = (
+            compared(measured, curve_of_history(u, np.nan_to_num(np.asarray(force))))
+            for force in (columns["force_N"], *band)
+        )
+    except BranchError as error:
+        return f"{name} is not compared with the band: {error}"
+    within = (low.computed <= found.measured) & (found.measured <= high.computed)
+    left_out = f"; {found.left_out}" if found.left_out else ""
+    return (
+        f"{name}: {np.count_nonzero(within)} of {within.size} measured forces lie within the band, "
+        f"the distance is {100 * found.misfit:.2f} % of the largest force{left_out}."
+    )
 
 
 def _too_far(slope: Array, fitted: FittedValues, what: str) -> list[str]:
