@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 #: Multiple of the standard deviation of a mean from which it is no noise.
 NOISE = 5.0
-#: Bins of a branch at first, and number of averages in a bin at least.
-FIRST, PARTS = 4, 4
+#: Bins of a branch at least, and averages in a bin at least. A straight branch needs few, but with
+#: few rows nothing tells their scatter.
+FIRST, PARTS = 50, 4
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def _bins(measured: Measured, rows: Rows, error: float, scatter: float) -> tuple
     u, force = measured.displacement[order], measured.force[order]
     count = len(order)
     # Starts of the bins; the first and the last row are bins of their own.
-    starts = np.unique([0, *np.linspace(1, count - 1, FIRST + 1).astype(int)])
+    starts = np.unique([0, *np.linspace(1, count - 1, min(FIRST, count - 1) + 1).astype(int)])
     while True:
         ends = np.append(starts[1:], count)
         sizes = ends - starts
