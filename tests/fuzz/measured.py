@@ -57,7 +57,7 @@ CELLS = (
     *("1/0", "\x1b[31m"),
 )  # fmt: skip
 #: Keys of a test that are added to fit files, and some of their values.
-MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle")
+MORE = ("rows", "decimal", "columns", "units", "sheet", "drift", "zero", "preload", "cycle", "thin")
 GIVEN = ("1-9", "{force: 2}", "{force: -1 N}", "','", "1", "5", "1 N")
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-be", "utf-32", "cp1252", "latin-1")
 LAYOUTS = (
@@ -162,7 +162,8 @@ def cloud(folder: Path, generator: random.Random) -> None:
     """Read a mutated cloud."""
     path = folder / "cloud.csv"
     path.write_bytes(worded(generator.choice(CLOUDS), generator))
-    points, moved = read_cloud(path, generator.choice(LAYOUTS))
+    found = read_cloud(path, generator.choice(LAYOUTS))
+    points, moved = found.points, found.displacements
     assert points.shape == moved.shape and np.isfinite([points, moved]).all()
 
 

@@ -264,7 +264,8 @@ def test_clouds_of_several_programs_are_read(
     head: str, more: dict[str, Any], tmp_path: Path
 ) -> None:
     lines = "0;1,5;2,5;0,0;0,25;-0,5\n1;3,5;4,5;0,0;NaN;\n2;5,5;6,5;0,0;0,75;1,5\n"
-    points, moved = read_cloud(written(f"{head}\n{lines}", tmp_path), Layout(**more))
+    found = read_cloud(written(f"{head}\n{lines}", tmp_path), Layout(**more))
+    points, moved = found.points, found.displacements
     np.testing.assert_allclose(points, [[1.5e-3, 2.5e-3], [5.5e-3, 6.5e-3]])
     np.testing.assert_allclose(moved, [[0.25e-3, -0.5e-3], [0.75e-3, 1.5e-3]])
 

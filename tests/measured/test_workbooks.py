@@ -156,7 +156,8 @@ def test_other_sheets_of_a_similar_size_are_told(tmp_path: Path) -> None:
 def test_a_cloud_is_read_from_a_workbook(tmp_path: Path) -> None:
     head = ["x [mm]", "y [mm]", "u [mm]", "v [mm]"]
     rows = [head, *([i, 2.0 * i, 0.5, None if i == 3 else -0.25] for i in range(6))]
-    points, moved = read_cloud(made(tmp_path / "cloud.xlsx", {"Data": rows}))
+    found = read_cloud(made(tmp_path / "cloud.xlsx", {"Data": rows}))
+    points, moved = found.points, found.displacements
     np.testing.assert_allclose(points[:, 1], 2e-3 * np.array([0, 1, 2, 4, 5]), rtol=1e-15)
     assert np.array_equal(moved, np.tile([0.5e-3, -0.25e-3], (5, 1)))
 

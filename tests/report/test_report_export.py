@@ -122,9 +122,10 @@ def test_a_cloud_that_cannot_be_read_is_told_in_words(
 def test_lost_points_of_a_cloud_are_left_out(tmp_path: Path) -> None:
     rows = "1;2;0,1;0,2\n3;4;;\n5;6;NaN;0\n7;8;0;0\n"
     (tmp_path / "dic.csv").write_text(f"X [mm];Y [mm];U [µm];V [µm]\n{rows}")
-    points, moved = read_cloud(tmp_path / "dic.csv")
-    np.testing.assert_allclose(points, [[1e-3, 2e-3], [7e-3, 8e-3]])
-    np.testing.assert_allclose(moved, [[1e-7, 2e-7], [0, 0]])
+    found = read_cloud(tmp_path / "dic.csv")
+    assert found.lost == 2
+    np.testing.assert_allclose(found.points, [[1e-3, 2e-3], [7e-3, 8e-3]])
+    np.testing.assert_allclose(found.displacements, [[1e-7, 2e-7], [0, 0]])
 
 
 def test_what_cannot_be_exported_ends_with_a_message(

@@ -256,14 +256,35 @@ def sensitivities(
             help="A parameter, as in --by shear.stiffness; all of the case unless given.",
         ),
     ] = None,
+    fit: Annotated[
+        Path | None,
+        _option(
+            "--fit",
+            metavar="FILE",
+            help="Predict with the parameters of a fit (its fit.json), with a band of 95 %.",
+        ),
+    ] = None,
+    lab: Annotated[
+        Path | None,
+        _option("--lab", metavar="FILE", help="A measured curve beside the band of --fit."),
+    ] = None,
+    columns: Columns = None,
+    units: Units = None,
+    rows: Rows = None,
+    decimal: Decimal = None,
+    sheet: Sheet = None,
 ) -> None:
     """Differentiate force and dissipated energy by each parameter, along the whole program.
 
-    Table and picture go into results/<name of the case>-sensitivities.
+    Table and picture go into results/<name of the case>-sensitivities. The last five options say
+    how the file of --lab is read.
     """
     from wovenfab.cli.studies import differentiate
+    from wovenfab.measured.layout import layout_of_options
+    from wovenfab.measured.names import SI
 
-    sys.exit(differentiate(case, output, overrides or [], by or [], fabric))
+    layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, SI)
+    sys.exit(differentiate(case, output, overrides or [], by or [], fabric, fit, lab, layout))
 
 
 @app.command()
@@ -446,6 +467,18 @@ def export(
             help="Measured displacements of points (x, y, ux, uy): map of the distances.",
         ),
     ] = None,
+    align: Annotated[
+        bool,
+        typer.Option("--align", help="Find how the camera's coordinates are turned and moved."),
+    ] = False,
+    positions: Annotated[
+        str,
+        typer.Option(
+            "--positions",
+            metavar="auto|rest|moved",
+            help="Whether x and y are positions at rest or moved ones.",
+        ),
+    ] = "auto",
     columns: Columns = None,
     units: Units = None,
     rows: Rows = None,
@@ -461,7 +494,7 @@ def export(
     from wovenfab.measured.layout import layout_of_options
 
     layout = layout_of_options(columns or [], units or [], rows, decimal, sheet, CLOUD)
-    sys.exit(export_results(directory, output, at, every, last, compare, layout))
+    sys.exit(export_results(directory, output, at, every, last, compare, layout, align, positions))
 
 
 @app.command()

@@ -136,6 +136,8 @@ def export_results(
     last: bool = False,
     cloud: Path | None = None,
     layout: Layout = EMPTY,
+    align: bool = False,
+    positions: str = "auto",
 ) -> int:
     """Write stored fields as VTU and CSV, or compare them with a cloud; return the exit code.
 
@@ -147,9 +149,12 @@ def export_results(
         last: The last stored time.
         cloud: Measured displacements at points, to be compared with those at one time.
         layout: What is said of the cloud's file.
+        align: Find how the cloud's coordinates lie on the sheet.
+        positions: What those of the cloud are, ``auto``, ``rest`` or ``moved``.
     """
     from wovenfab.measured.cloud import read_cloud
     from wovenfab.record.results import is_link
+    from wovenfab.report.alignment import POSITIONS, placed
     from wovenfab.report.export import FOLDER, chosen_times, compare, export, write_distances
     from wovenfab.report.run_data import largest, open_run_data, stored_of
     from wovenfab.report.style import house_style, millimetres
@@ -157,10 +162,14 @@ def export_results(
     console = Console()
     if _lacks_results(console, [directory]):
         return BAD_INPUT
-    if cloud is None and layout != EMPTY:
+    if cloud is None and (layout != EMPTY or align or positions != POSITIONS[0]):
         console.problem(
-            "--columns, --units, --rows, --decimal and --sheet are of the file of --compare"
+            "--columns, --units, --rows, --decimal, --sheet, --align and --positions are of the "
+            "file of --compare"
         )
+        return BAD_INPUT
+    if positions not in POSITIONS:
+        console.problem(f"--positions is one of {', '.join(POSITIONS)}, got {positions!r}")
         return BAD_INPUT
     try:
         source, stored = open_run_data(directory), stored_of(directory)
@@ -182,10 +191,14 @@ def export_results(
             times = [largest(source, stored).index]
         if len(times) > 1:
             raise ValueError("a cloud is of one time: name it, as in --at '20 mm'")
-        found = compare(stored, times[0], *read_cloud(cloud, layout))
+        on_sheet = placed(stored, times[0], read_cloud(cloud, layout), align, positions)
+        measured = on_sheet.cloud
+        found = compare(stored, times[0], measured.points, measured.displacements)
         folder.mkdir(parents=True, exist_ok=True)
         reached = float(source.reached(stored)[times[0]])
         words = f"step {stored.steps[times[0]]}, {millimetres(reached)}"
+        for note in on_sheet.notes:
+            console.say(note)
         console.say(f"{words}: {found}")
         name = folder / f"step-{stored.steps[times[0]]:06d}-distance"
         with house_style():

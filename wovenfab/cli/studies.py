@@ -20,6 +20,8 @@ from wovenfab.cli.console import (
     is_first_rank,
     is_launched,
 )
+from wovenfab.measured.curve import read_measured
+from wovenfab.measured.layout import EMPTY, Layout
 from wovenfab.record.results import write_csv
 from wovenfab.simulation.progress import Progress
 from wovenfab.study.cluster import Cluster
@@ -98,26 +100,57 @@ def differentiate(
     overrides: Sequence[str],
     by: Sequence[str],
     fabric: Path | None = None,
+    fit: Path | None = None,
+    lab: Path | None = None,
+    layout: Layout = EMPTY,
 ) -> int:
-    """Write and draw the derivatives of a run by its parameters; collective."""
+    """Write and draw the derivatives of a run by its parameters; collective.
+
+    With the result of a ``fit`` its parameters are taken, and the band that they leave is added,
+    beside the curve of a ``lab``.
+    """
     case = read_case(path, overrides, fabric)
     from mpi4py import MPI
     from pydantic_core import PydanticCustomError
 
     from wovenfab.case.errors import reason
-    from wovenfab.report.study_pictures import draw_sensitivities
+    from wovenfab.report.study_pictures import draw_bands, draw_sensitivities
     from wovenfab.stepping.sensitivity import TargetError
     from wovenfab.stepping.stability import StabilityLostError
     from wovenfab.stepping.step import Step, StepFailedError
     from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
+    from wovenfab.study.fit.prediction import (
+        in_words,
+        measured_beside,
+        prediction,
+        read_fitted,
+        with_band,
+    )
 
     console = Console()
-    try:
-        named = [target_of(name, case) for name in by] or parameters_of(case)
-        targets = [by_factor(target, case) for target in named]
-    except PydanticCustomError as error:
-        raise CaseError([case.problem("effects", *reason(error))]) from error
+    if fit and by:
+        console.problem("--by and --fit both say by which parameters: give one of them")
+        return BAD_INPUT
+    if not fit and lab:
+        console.problem("--lab is drawn beside the band of a fit: give --fit, too")
+        return BAD_INPUT
+    if not lab and layout != EMPTY:
+        options = "--columns, --units, --rows, --decimal and --sheet"
+        console.problem(f"{options} are of the file of --lab")
+        return BAD_INPUT
+    measured = read_measured(lab, layout) if lab else None
+    predicted = prediction(case, read_fitted(fit)) if fit else None
+    if predicted:
+        case, targets = predicted.case, [*predicted.targets.values()]
+        for line in predicted.replaced:
+            console.say(line)
+    else:
+        try:
+            named = [target_of(name, case) for name in by] or parameters_of(case)
+            targets = [by_factor(target, case) for target in named]
+        except PydanticCustomError as error:
+            raise CaseError([case.problem("effects", *reason(error))]) from error
     end = program_of_case(case).milestones[-1].time
 
     def report(step: Step) -> None:
@@ -135,6 +168,11 @@ def differentiate(
     if is_first_rank():
         directory = output or Path("results") / f"{case.name}-sensitivities"
         directory.mkdir(parents=True, exist_ok=True)
+        if predicted:
+            columns = with_band(columns, predicted)
+            draw_bands(columns, directory / "band.png", measured)
+            beside = [measured_beside(columns, measured)] if measured else []
+            console.say("\n".join([*in_words(columns, predicted), *beside]))
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         write_csv(directory / "sensitivities.csv", rows)
         values = {str(t): value_of(t, case) for t in targets}
@@ -268,7 +306,7 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
     from wovenfab.study.fit.figures import in_words as of_figures
-    from wovenfab.study.fit.fit_file import FigureTest
+    from wovenfab.study.fit.fit_file import FigureTest, MeasuredTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
@@ -285,6 +323,10 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
             console.say(f"  {curve.file.name}: {curve.reading}")
             for note in curve.reading.notes:
                 console.say(f"    {note}")
+    for test in fit.tests:
+        if isinstance(test, MeasuredTest) and test.thinning:
+            size = float(abs(test.measured.force).max())
+            console.say(f"  {test.thinning.in_words(test.name, size)}")
     place = directory / RUNS
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
         found = search_with_slack(objective, fit)

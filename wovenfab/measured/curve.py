@@ -87,6 +87,7 @@ class Measured:
         time: s, shape (n,), or None.
         reading: How the file was read; None for a curve that is from none.
         cycle: Which cycle of the record it is, from 1; 0 if it is all of it.
+        reversals: Rows at which it reverses, with the first and the last one; found if empty.
     """
 
     file: Path
@@ -95,6 +96,7 @@ class Measured:
     time: Array | None = None
     reading: Reading | None = None
     cycle: int = 0
+    reversals: tuple[int, ...] = ()
 
     def branches(self) -> list[Rows]:
         """Return the rows of each loading and unloading, reversals in both.
@@ -111,7 +113,7 @@ class Measured:
 
     @cached_property
     def _turns(self) -> list[int]:
-        return turns(self.displacement)
+        return [*self.reversals] or turns(self.displacement)
 
 
 def is_reversed(displacement: Array, force: Array) -> bool:

@@ -25,11 +25,20 @@ class Replicates:
         specimens: The curves as they were measured, k of them.
         mean: The mean curve, of n rows.
         forces: Forces of each specimen at the displacements of the mean, N, shape (k, n).
+        counts: Number of rows of the record that each row is the mean of, shape (n,); None for one.
     """
 
     specimens: tuple[Measured, ...]
     mean: Measured
     forces: Array
+    counts: Array | None = None
+
+    @property
+    def shares(self) -> Array:
+        """Rows of the record that each row stands for over their mean number, shape (n,)."""
+        if self.counts is None:
+            return np.ones(self.forces.shape[1])
+        return np.asarray(self.counts / self.counts.mean())
 
     @property
     def error(self) -> Array:

@@ -163,7 +163,8 @@ def compare(stored: StoredFields, index: int, points: Values, measured: Values) 
         count = f"only {on.sum()} of {len(points)} points" if on.any() else "no point"
         raise ValueError(
             f"{count} of the cloud lie on the sheet: x and y are positions at rest in the sheet's "
-            f"coordinates, {sheet}; those of the cloud are {found}. Add what the origins differ by"
+            f"coordinates, {sheet}; those of the cloud are {found}. Add what the origins "
+            "differ by, or find it with --align"
         )
     return Distances(points[on], measured[on], computed[on], int((~on).sum()))
 

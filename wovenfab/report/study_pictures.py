@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from math import ceil, floor, log10
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
+from wovenfab.measured.curve import Measured
 from wovenfab.report.style import (
     APART,
     DASHES,
+    DISPLACEMENT,
     INK,
+    MILLIMETRE,
     QUIET,
     WIDTH,
     Values,
@@ -27,6 +31,8 @@ from wovenfab.report.style import (
 )
 from wovenfab.study.accuracy import Priced, Study
 from wovenfab.study.effects import EffectRow
+from wovenfab.study.fit.prediction import QUANTITIES
+from wovenfab.study.fit.response import curve_of_history
 
 #: Sizes and colour of the parts of stacked bars.
 Parts = Mapping[str, tuple[Values, Any]]
@@ -172,6 +178,43 @@ def draw_sensitivities(
         figure.suptitle("One per cent more of each parameter", fontsize=10)
         handles, names = axes.get_legend_handles_labels()
         figure.legend(handles, names, loc="outside right upper", fontsize=7)
+        return save(figure, path)
+
+
+def draw_bands(
+    columns: Mapping[str, Sequence[float]], path: Path, measured: Measured | None = None
+) -> Path:
+    """Draw predicted force and dissipated energy with their bands of 95 % over the displacement.
+
+    Args:
+        columns: Of ``study.fit.prediction.with_band``.
+        path: The picture.
+        measured: A curve whose forces are drawn, too.
+    """
+    u = np.asarray(columns["displacement_m"])
+    turns = curve_of_history(u, np.asarray(columns["force_N"])).turns
+    with house_style():
+        figure = Figure(figsize=(WIDTH, 0.7 * WIDTH))
+        upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
+        for axes, (name, (_, *ends)) in zip((upper, lower), QUANTITIES.items(), strict=True):
+            unit = readable(name[-1], float(np.abs(columns[name]).max()))
+            value, low, high = (unit.factor * np.asarray(columns[k]) for k in (name, *ends))
+            for first, last in pairwise(turns):
+                branch = slice(first, last + 1)
+                axes.fill_between(
+                    MILLIMETRE.factor * u[branch], low[branch], high[branch],
+                    where=np.isfinite(low[branch]), color=APART[0], alpha=0.25, linewidth=0,
+                    label="band of 95 %" if first == 0 else None,
+                )  # fmt: skip
+            axes.plot(MILLIMETRE.factor * u, value, color=APART[0], label="prediction")
+            noun = "force" if name == "force_N" else "dissipated energy"
+            axes.set_ylabel(f"{noun} ({unit.name})")
+            if measured is not None and axes is upper:
+                points = MILLIMETRE.factor * measured.displacement, unit.factor * measured.force
+                plain = measured.file.name.replace("$", r"\$")  # no formula
+                axes.plot(*points, "o", color=QUIET, markersize=3, mfc="none", label=plain)
+        upper.legend(fontsize=7)
+        lower.set_xlabel(DISPLACEMENT)
         return save(figure, path)
 
 

@@ -41,12 +41,15 @@ from wovenfab.measured.correction import Correction, corrected
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
 from wovenfab.measured.replicates import Replicates, replicates_of
+from wovenfab.measured.thinning import Thinning, thinned
 from wovenfab.measured.workbook import SUFFIXES
 from wovenfab.record.figures import PURE, StandardTest, figures_at_rest
 
 Array = NDArray[np.float64]
-#: Parameters of the testing machine, with their units: a spring in series with the sample, and
-#: displacement and force of the machine where the sample has none.
+#: What the names of parameters of the testing machine begin with.
+MACHINE_NAME = "machine"
+#: These parameters, with their units: a spring in series with the sample, and displacement and
+#: force of the machine where the sample has none.
 MACHINE = {"compliance": "m/N", "displacement": "m", "force": "N"}
 #: Names of measured files.
 MEASURED = (".csv", ".tsv", ".txt", ".dat", *SUFFIXES)
@@ -89,6 +92,11 @@ def _lines(value: Any) -> tuple[int, int] | None:
         ) from None
 
 
+_ShareOrForce = Annotated[
+    tuple[float, bool],
+    BeforeValidator(_share_or_force, json_schema_input_type=str),
+    PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
+]
 _Number = Annotated[int, Count(least=0, most=1_000_000)]
 _Force = Annotated[float, Quantity(unit="N", least=0.0)]
 _Rows = Annotated[
@@ -215,11 +223,11 @@ class Test(Section):
     cycle: _Number = Field(default=0, examples=[5])
     """The only cycle that counts, from 1; it is compared with the last one of the program."""
 
-    error: Annotated[
-        tuple[float, bool],
-        BeforeValidator(_share_or_force, json_schema_input_type=str),
-        PlainSerializer(lambda e: f"{100 * e[0]:g} %" if e[1] else f"{e[0]!r} N"),
-    ] = Field(default=(0.01, True), examples=["1 %"])
+    thin: _ShareOrForce | None = Field(default=None, examples=["0.1 %"])
+    """Distance, in N or of the largest force, within which straight lines between means of
+    neighbouring rows follow the record, beyond its noise: the means take the place of the rows."""
+
+    error: _ShareOrForce = Field(default=(0.01, True), examples=["1 %"])
     """Standard error of a measured force, in N or of the largest force; of replicates the least
     one of their mean; of figures that of each, of its value."""
 
@@ -301,6 +309,10 @@ class FitParameter:
     bounds: tuple[float, float]
     by_factors: bool
 
+    def slope(self, value: float) -> float:
+        """Return the derivative of a value by the scaled parameter, in the unit."""
+        return value if self.by_factors else self.bounds[1] - self.bounds[0]
+
 
 @dataclass(frozen=True)
 class MeasuredTest:
@@ -312,6 +324,7 @@ class MeasuredTest:
         error: Standard error of a force, N; of replicates the least one of their mean.
         weight: Its weight.
         toe: Displacement (m) below which points are left out.
+        thinning: What became of the rows of the record; None if all are there.
     """
 
     case: Case
@@ -319,6 +332,7 @@ class MeasuredTest:
     error: float
     weight: float
     toe: float
+    thinning: Thinning | None = None
 
     @property
     def name(self) -> str:
@@ -341,9 +355,11 @@ class MeasuredTest:
 
         That of the mean of replicates, and the stated error at least: the scatter of a few
         specimens is small by chance at some rows, which would then outweigh all others, and what
-        the machine errs is the same in all specimens.
+        the machine errs is the same in all specimens. Where rows are means of a record's rows, each
+        weighs as many of these as it stands for.
         """
-        return np.maximum(self.replicates.error, self.error)
+        errors = np.maximum(self.replicates.error, self.error)
+        return np.asarray(errors / np.sqrt(self.replicates.shares))
 
     @property
     def factors(self) -> Array:
@@ -460,7 +476,7 @@ def read_fit(path: Path) -> Fit:
                 problems.append(document.problem(("parameters", unknown.name), message))
             elif unknown.target:
                 try:  # the same number must be there in each case
-                    _meaning(unknown.target, test.case)
+                    meaning_of(unknown.target, test.case)
                 except PydanticCustomError as error:
                     message, remedy = reason(error)
                     message = f"in the case of tests.{number} {message}"
@@ -529,9 +545,13 @@ def _curve_test(test: Test, case: Case) -> MeasuredTest:
     correction = Correction(test.drift, test.zero, test.preload, test.cycle)
     curves = [corrected(read_measured(f, layout, specimen), correction) for f in test.measured]
     replicates = replicates_of(curves)
-    number, share = test.error
-    error = number * float(abs(replicates.mean.force).max()) if share else number
-    return MeasuredTest(case, replicates, error, test.weight, test.toe)
+    size, thinning = float(abs(replicates.mean.force).max()), None
+    error, within = (
+        number * size if share else number for number, share in (test.error, test.thin or (0.0, 1))
+    )
+    if test.thin:
+        replicates, thinning = thinned(replicates, within)
+    return MeasuredTest(case, replicates, error, test.weight, test.toe, thinning)
 
 
 def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
@@ -541,7 +561,7 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
         PydanticCustomError: With message and remedy.
     """
     effect, _, rest = name.partition(".")
-    if effect == "machine":
+    if effect == MACHINE_NAME:
         if rest not in MACHINE:
             raise value_error(f"the machine has no {rest!r}", f"It has {', '.join(MACHINE)}.")
         unit, target, value, least = MACHINE[rest], None, 0.0, -inf
@@ -549,7 +569,7 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
             least = 0.0
     else:
         target = target_of(name, case)
-        unit, value, least = _meaning(target, case)
+        unit, value, least = meaning_of(target, case)
     start = _si(sought.start, unit) if sought.start is not None else value
     if sought.bounds is not None:
         low, high = (_si(b, unit) for b in sought.bounds)
@@ -614,7 +634,7 @@ def target_of(name: str, case: Case) -> Target:
     return target
 
 
-def _meaning(target: Target, case: Case) -> tuple[str, float, float]:
+def meaning_of(target: Target, case: Case) -> tuple[str, float, float]:
     """Return a parameter's unit, its value in the case and its least value."""
     value = case.effects[target.effect][target.parameter]
     if isinstance(value, tuple):
@@ -663,24 +683,26 @@ def with_values(
 ) -> Case:
     """Return a case with other values of its material parameters, by name and in their units."""
     for unknown in unknowns:
-        if (target := unknown.target) is None:
-            continue
-        old = case.effects[target.effect][target.parameter]
-        pair = old if isinstance(old, tuple) else (old,)
-        new: list[Any] = [
-            v.text if isinstance(v, Expression) else units.write(v, unknown.unit) for v in pair
-        ]
-        value, families = values[unknown.name], target.families if len(pair) == 2 else (0,)
-        for family in families:
-            old_value, first = pair[family], pair[families[0]]
-            if isinstance(old_value, Expression):
-                new[family] = with_coefficient(old_value, target.coefficient, value)
-            else:  # the second family keeps its ratio to the first
-                if isinstance(first, Expression) or old_value == first:
-                    ratio = 1.0
-                else:
-                    ratio = old_value / first
-                new[family] = units.write(value * ratio, unknown.unit)
-        key = f"effects.{target.effect}.{target.parameter}"
-        case = case.changed({key: new if len(pair) == 2 else new[0]})
+        if unknown.target is not None:
+            case = with_value(case, unknown.target, values[unknown.name], unknown.unit)
     return case
+
+
+def with_value(case: Case, target: Target, value: float, unit: str) -> Case:
+    """Return a case with another value of a parameter, in its unit."""
+    old = case.effects[target.effect][target.parameter]
+    pair = old if isinstance(old, tuple) else (old,)
+    new: list[Any] = [v.text if isinstance(v, Expression) else units.write(v, unit) for v in pair]
+    families = target.families if len(pair) == 2 else (0,)
+    for family in families:
+        old_value, first = pair[family], pair[families[0]]
+        if isinstance(old_value, Expression):
+            new[family] = with_coefficient(old_value, target.coefficient, value)
+        else:  # the second family keeps its ratio to the first
+            if isinstance(first, Expression) or old_value == first:
+                ratio = 1.0
+            else:
+                ratio = old_value / first
+            new[family] = units.write(value * ratio, unit)
+    key = f"effects.{target.effect}.{target.parameter}"
+    return case.changed({key: new if len(pair) == 2 else new[0]})

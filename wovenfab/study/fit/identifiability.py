@@ -70,6 +70,24 @@ class ConfidenceInterval:
 
 
 @dataclass(frozen=True)
+class JointUncertainty:
+    """How far the values of all parameters may be off together, to first order, in their units.
+
+    Attributes:
+        covariance: Of the values, without the combinations that no curve tells, shape (p, p).
+        quantile: Half of an interval of 95 % over the standard deviation.
+        shift: By how much cells and steps move the values, shape (p,).
+        unseen: Changes of the values that no curve tells, one a row, shape (m, p): each by a factor
+            of e, or by the range of the bounds of a parameter that is sought by differences.
+    """
+
+    covariance: Array
+    quantile: float
+    shift: Array
+    unseen: Array
+
+
+@dataclass(frozen=True)
 class Fidelity:
     """How well the model follows one curve; of figures there is the misfit alone.
 
@@ -104,6 +122,7 @@ class Identifiability:
     Attributes:
         intervals: Of each parameter.
         correlations: Of the scaled parameters, shape (p, p).
+        joint: Of the values.
         singular_values: Of the derivatives of the residuals by the scaled parameters.
         directions: Right singular vectors, one a row: combinations of scaled parameters.
         scatter: s, the residuals' size over that of the stated errors.
@@ -117,6 +136,7 @@ class Identifiability:
 
     intervals: tuple[ConfidenceInterval, ...]
     correlations: Array
+    joint: JointUncertainty
     singular_values: Array
     directions: Array
     scatter: float
@@ -142,7 +162,8 @@ def knowledge(
         residuals: Distances over the error of a force, shape (n,).
         jacobian: Their derivatives by the scaled parameters, shape (n, p).
         comparisons: What was compared, by test.
-        shift: By how much cells and steps move the scaled parameters, shape (p,); None for nothing.
+        shift: By how much cells and steps move the scaled parameters, shape (p,); None for
+            nothing.
     """
     weight = weights(fit, comparisons)
     residuals, jacobian = weight * residuals, weight[:, None] * jacobian
@@ -150,7 +171,8 @@ def knowledge(
     moved = np.zeros(p) if shift is None else shift
     freedom = max(n - p, 1.0)
     scatter = max(float(np.sqrt(residuals @ residuals / freedom)), 1.0)
-    _, singular, directions = np.linalg.svd(jacobian, full_matrices=False)
+    rows = np.vstack([jacobian, np.zeros((max(p - len(jacobian), 0), p))])  # all directions
+    _, singular, directions = np.linalg.svd(rows, full_matrices=False)
     seen = singular > LEAST * max(singular[0], 1e-300)
     inverse = np.where(seen, 1 / np.where(seen, singular, 1.0), np.inf)
     # A parameter with any part in an unseen direction has an infinite variance.
@@ -165,13 +187,21 @@ def knowledge(
     # Without a row to spare nothing tells the scatter, and the stated errors are known.
     quantiles = stats.t(freedom) if n - p >= 1 else stats.norm
     factor = float(quantiles.ppf((1 + LEVEL) / 2))
+    slopes = np.array([u.slope(values[u.name]) for u in fit.unknowns])
+    joint = JointUncertainty(
+        scatter**2 * covariance * np.outer(slopes, slopes),
+        factor,
+        moved * slopes,
+        directions[~seen] * slopes,
+    )
     intervals = tuple(
-        _interval(u, values[u.name], factor * float(d), float(more))
+        _interval(u, values[u.name], factor * float(d), abs(float(more)))
         for u, d, more in zip(fit.unknowns, deviation, moved, strict=True)
     )
     return Identifiability(
         intervals,
         covariance / np.outer(size, size),
+        joint,
         singular,
         directions,
         scatter,

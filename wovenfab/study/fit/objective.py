@@ -205,8 +205,7 @@ class Objective:
 
     def slopes(self, values: Mapping[str, float]) -> Array:
         """Return the derivatives of values by scaled parameters."""
-        pairs = ((u, values[u.name]) for u in self._fit.unknowns)
-        return np.array([v if u.by_factors else np.ptp(u.bounds) for u, v in pairs])
+        return np.array([u.slope(values[u.name]) for u in self._fit.unknowns])
 
     def evaluate(self, values: Mapping[str, float], scale: float = 1.0) -> Evaluation:
         """Return residuals and derivatives for values (SI units) of the parameters.

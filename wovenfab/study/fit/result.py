@@ -9,12 +9,17 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wovenfab.record.results import write_whole
 from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest, with_values
 from wovenfab.study.fit.identifiability import Identifiability
 from wovenfab.study.fit.response import Comparison
 from wovenfab.study.fit.search import Found, Profile
 from wovenfab.study.fit.specimens import SpecimenValues
+
+#: File of all that a fit has found.
+RESULT = "fit.json"
 
 
 def write_result(
@@ -31,6 +36,7 @@ def write_result(
         "title": fit.title,
         "parameters": {i.name: _plain(asdict(i)) for i in known.intervals},
         "correlations": known.correlations.tolist(),
+        "joint": {k: np.asarray(v).tolist() for k, v in asdict(known.joint).items()},
         "singular_values": known.singular_values.tolist(),
         "directions": known.directions.tolist(),
         "scatter": known.scatter,
@@ -40,6 +46,7 @@ def write_result(
                 "measured": test.name,
                 "case": test.case.name,
                 **_figures(test, c),
+                **_thinning(test),
                 **_plain(asdict(f)),
             }
             for test, c, f in zip(
@@ -53,7 +60,7 @@ def write_result(
         "converged": found.converged,
         "notes": notes,
     }
-    write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
+    write_whole(directory / RESULT, json.dumps(result, indent=1) + "\n")
     for number, test in enumerate(fit.tests):
         which = "" if len(fit.tests) == 1 else f"{number + 1}-"
         case = with_values(test.case, fit.unknowns, found.values)
@@ -71,6 +78,12 @@ def _figures(test: MeasuredTest | FigureTest, comparison: Comparison) -> dict[st
             for f, c in pairs
         }
     }
+
+
+def _thinning(test: MeasuredTest | FigureTest) -> dict[str, Any]:
+    """Return what became of the rows of a record, in SI units; nothing where all are there."""
+    found = test.thinning if isinstance(test, MeasuredTest) else None
+    return {"thinning": asdict(found)} if found else {}
 
 
 def _plain(data: dict[str, Any]) -> dict[str, Any]:

@@ -77,7 +77,7 @@ class Found:
         converged: Whether the search ended by itself.
         error: Estimated error of the fine runs' curves by cells and steps, over the largest force;
             nan where files give them.
-        shift: By how much it moves the scaled parameters, in size, shape (p,).
+        shift: By how much the scaled parameters would move without it, shape (p,).
         correction: Of coarse runs, there.
     """
 
@@ -343,7 +343,7 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
     steps = np.maximum.accumulate(root)
     ends = (float(np.interp(z, steps, order, -np.inf, np.inf)) for z in (-1, 1))
     lowest, highest = (
-        value(end + side * float(found.shift[place])) if isfinite(end) else end
+        value(end + side * abs(float(found.shift[place]))) if isfinite(end) else end
         for side, end in zip((-1, 1), ends, strict=True)
     )
     return Profile(name, tuple(points), tuple(map(float, rise / limit)), lowest, highest)
@@ -403,7 +403,7 @@ def _error(
     weights = best.weights(fit)
     moved = np.where(rows, weights * (best.residuals - less.residuals) / factor, 0.0)
     shift = np.linalg.lstsq(weights[:, None] * best.jacobian, moved, rcond=1e-6)[0]
-    return _distance(best, less, rows) / factor, np.abs(shift)
+    return _distance(best, less, rows) / factor, np.asarray(-shift)
 
 
 def _distance(a: Evaluation, b: Evaluation, rows: NDArray[np.bool_]) -> float:
