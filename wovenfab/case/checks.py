@@ -320,7 +320,9 @@ def values_at(value: Value, x: Array, y: Array, *programs: float) -> Array:
 
 
 #: Shear angles (rad) at which formulas of the angle are evaluated: all that yarns can take.
-ANGLES = np.deg2rad(np.linspace(-89.0, 89.0, 90))
+ANGLES = np.deg2rad(np.linspace(-89.0, 89.0, 179))
+#: A strength that changes less than this share within 60 degrees hardly depends on the angle.
+LEAST_GROWTH = 0.01
 
 
 def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -331,13 +333,18 @@ def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
         x: First coordinates of the points, m.
         y: Second coordinates, m.
     """
+    for path, value, bounds in _values_of(scene):
+        angles = ANGLES if SHEAR_ANGLE in value.variables else ANGLES[:1]
+        found = (_unfit(bounds, path, value, x, y, angle) for angle in angles)
+        yield from islice(chain.from_iterable(found), 1)
+
+
+def _values_of(scene: Scene) -> Iterator[tuple[KeyPath, Expression, Quantity]]:
+    """Yield the formulas of all parameters, each with how it is read."""
     for e in scene:
         for p in e.effect.parameters:
-            bounds = quantity(p)
             for path, value in _formulas(("effects", e.name, p.name), e.values[p.name]):
-                angles = ANGLES if SHEAR_ANGLE in value.variables else ANGLES[:1]
-                found = (_unfit(bounds, path, value, x, y, angle) for angle in angles)
-                yield from islice(chain.from_iterable(found), 1)
+                yield path, value, quantity(p)
 
 
 def _unfit(
@@ -375,6 +382,7 @@ def doubts(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
     """
     x, y = _points(sheet) if isinstance(sheet, Rectangle) else (np.zeros(1), np.zeros(1))
     yield from _softening(scene, x, y)
+    yield from _hardly_growing(scene, x, y)
 
 
 def _softening(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -402,6 +410,18 @@ def _softening(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
             "compressed yarns need none."
         )
         yield ("effects", names[0]), reason, remedy
+
+
+def _hardly_growing(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
+    """Yield formulas of the shear angle that hardly depend on it: a unit is probably missing."""
+    small = ANGLES[np.abs(ANGLES) < np.deg2rad(60.5)]
+    for path, value, _ in _values_of(scene):
+        if SHEAR_ANGLE in value.variables:
+            values = np.array([value.at(x, y, angle=angle) for angle in small])
+            if (np.ptp(values, axis=0) <= LEAST_GROWTH * values.max(axis=0)).all():
+                reason = f"hardly depends on {SHEAR_ANGLE}, which is in rad"
+                remedy = f"Degrees have their unit, as in '({SHEAR_ANGLE}/20 deg)^2'."
+                yield path, reason, remedy
 
 
 def _stretch_stiffness(e: SceneEffect, x: Array, y: Array) -> Array | None:
