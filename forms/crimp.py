@@ -10,8 +10,10 @@ of h that one family loses, the other one gains. With s = 1 - 1/(1 + c)^2 Green'
 and the energy is the least over t of w_1(e_1) + w_2(e_2) + R t^2/2: the interchange is condensed
 out. With b = R/(K s), w = K/4 e^2 (1 + e/((e^2 + b^2)^(1/2) + b)) is convex. Its slope, the force,
 comes near K e in tension; in compression, where yarns buckle, its size is below R/(4 s). As e is
-convex in stretch and t, there is one t, and the least second derivative of the energy by the
-stretches is above -R (1 - s)/(4 s).
+convex in stretch and t, there is one t. By the stretch f of a family, w has the second derivative
+w'' (1 - s)^2 f^2 + w' (1 - s), which is above -R (1 - s)/(4 s); by t, the sum has more than
+R - R/4 - R/4. So the condensed energy plus R (1 - s)/(8 s) f^2 of each family is convex. Where
+R is small beside K s, states of compression come near the bound.
 """
 
 from __future__ import annotations
@@ -80,6 +82,13 @@ def energy(point: Point, values: Values) -> Any:
     return values["resistance"] / 2 * t**2 + sum(y.energy for y in _yarns(point, values, t))
 
 
+def stretch_stiffness(values: Values) -> tuple[Any, Any]:
+    """Return the least stiffness (N/m) of each family by its stretch, which is negative."""
+    shares = [1 - 1 / (1 + crimp) ** 2 for crimp in values["crimp"]]
+    first, second = (-values["resistance"] * (1 - s) / (4 * s) for s in shares)
+    return first, second
+
+
 EFFECT = Effect(
     name="crimp",
     summary="Stretch of crimped yarns with interchange between the families (Kawabata et al. 1973)",
@@ -100,4 +109,5 @@ EFFECT = Effect(
         ),
     ),
     energy=energy,
+    stretch_stiffness=stretch_stiffness,
 )

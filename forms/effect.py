@@ -206,6 +206,9 @@ class Effect:
             values. It is given where they yield, that is, where their update leaves the stress as
             it is: what is stored after a step is then that of the updated ones. Elsewhere the fall
             of the stored energy by an update is lost in the next step.
+        stretch_stiffness: Lower bounds (N/m) at all stretches, from the values with the pieces of
+            the table: with them as ``m``, the stored energy less ``m_1 l_1^2/2 + m_2 l_2^2/2`` is
+            convex in the lengths ``l_1``, ``l_2`` of ``f_1``, ``f_2``. None for zero.
         resists: What the effect keeps from moving freely, of ``"stretching"``,
             ``"shearing"``, ``"curving"`` and ``"slipping"``; scenes that leave too much
             free are refused.
@@ -227,6 +230,7 @@ class Effect:
     edge_strains: Callable[[Edge, Values], tuple[Strain, ...]] | None = None
     memory: tuple[InternalVariable, ...] = ()
     lost: Callable[[Sequence[Any], Values], Any] | None = None
+    stretch_stiffness: Callable[[Values], tuple[Any, Any]] | None = None
     resists: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 from wovenfab.forms.effect import Effect, Parameter, Strain, Values
 from wovenfab.forms.kinematics import Point, stretch
-from wovenfab.forms.table import TABLE, Column, TableParameter, table_energy
+from wovenfab.forms.table import TABLE, Column, TableParameter, least_slope, table_energy
 
 
 def strains(point: Point, values: Values) -> tuple[Strain, ...]:
@@ -26,6 +27,13 @@ def tabulated_strains(point: Point, values: Values) -> tuple[Strain, ...]:
     )
 
 
+def tabulated_stiffness(values: Values) -> tuple[Any, Any]:
+    """Return the least stiffness (N/m) of each family at all stretches."""
+    families = zip(values["scale"], values[TABLE], strict=True)
+    first, second = (scale * least_slope(pieces) for scale, pieces in families)
+    return first, second
+
+
 EFFECT = Effect(
     name="stretch",
     summary="Elastic stretch of the yarns, paper eqs. (2) and (3)",
@@ -39,6 +47,7 @@ EFFECT = Effect(
         ),
     ),
     strains=strains,
+    stretch_stiffness=lambda values: values["stiffness"],
     resists=frozenset({"stretching"}),
     law="linear",
     laws=(
@@ -49,6 +58,7 @@ EFFECT = Effect(
                 Parameter("scale", "1", "factor of all forces", per_family=True, default=1.0),
             ),
             strains=tabulated_strains,
+            stretch_stiffness=tabulated_stiffness,
             resists=frozenset({"stretching"}),
             law="table",
             table=TableParameter(

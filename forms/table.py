@@ -8,6 +8,7 @@ of as many rows share kernels.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
@@ -154,6 +155,20 @@ def _select(strain: Any, pieces: Any) -> list[Any]:
         reached = ufl.ge(strain, pieces[i, 0])
         chosen = [ufl.conditional(reached, pieces[i, j], c) for j, c in enumerate(chosen)]
     return chosen
+
+
+def least_slope(pieces: Sequence[Sequence[float]]) -> float:
+    """Return the least slope of the force over all strains.
+
+    Args:
+        pieces: Numbers, as :func:`table_energy` takes them.
+    """
+    least: float = min(pieces[0][3], pieces[-1][3])
+    for (start, _, _, slope, second, third), (end, *_) in pairwise(pieces[1:]):
+        lowest = -second / third if third > 0 else 0.0  # from the start of the piece
+        for growth in (0.0, end - start, min(max(lowest, 0.0), end - start)):
+            least = min(least, slope + second * growth + third / 2 * growth**2)
+    return least
 
 
 def end_of_table(pieces: Any) -> tuple[Any, Any]:

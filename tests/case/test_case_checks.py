@@ -95,3 +95,35 @@ def test_each_check_of_a_combination_gets_the_sections_that_it_names() -> None:
     for rule, names in COMBINATIONS:
         assert (*signature(rule).parameters,) == names
         assert {*names} <= Case.model_fields.keys()
+
+
+CRIMP = "crimp: {stiffness: [2e5, 1e5], crimp: [0.08, 0.04], resistance: 50 N/m}"
+#: R/(4 ((1 + c)^2 - 1)) of both families, N/m.
+NEEDED = [50 / (4 * ((1 + c) ** 2 - 1)) for c in (0.08, 0.04)]
+
+
+@pytest.mark.parametrize(
+    ("stretch", "told"),
+    [
+        (f"{{stiffness: {NEEDED[1] * 1.001} N/m}}", False),
+        (f"{{stiffness: {NEEDED[1] * 0.999} N/m}}", True),
+        (f"{{stiffness: [{NEEDED[0] * 1.001}, {NEEDED[1] * 1.001}]}}", False),
+        (f"{{stiffness: [{NEEDED[0] * 0.999}, {NEEDED[1] * 1.001}]}}", True),
+        ("{stiffness: 200 N/m * (1 - x/1 m)}", True),  # 20 N/m at the right edge
+        ("{stiffness: 200 N/m * (1 - x/10 m)}", False),
+        ("{law: table, table: {strain: [0.01, 0.02], force: [2 N/m, 4 N/m]}}", False),
+        ("{law: table, scale: 0.5, table: {strain: [0.01, 0.02], force: [2 N/m, 4 N/m]}}", True),
+        ("{law: table, table: {strain: [0.01, 0.02], force: [2 N/m, 3 N/m]}}", True),
+    ],
+)
+def test_a_stiffness_too_small_for_crimp_in_compression_is_told_with_the_least(
+    stretch: str, told: bool, write_case: WriteCase
+) -> None:
+    text = case_of(["stretch", "shear"]).replace(EFFECTS["stretch"], stretch + "\n  " + CRIMP)
+    case = read_case(write_case(text))
+    lines = case.remarks()
+    assert len(lines) == told
+    for line in lines:
+        assert line.startswith("warning: case.yaml:4: effects.crimp: ") and "154 N/m" in line
+        (least,) = (f"effects.stretch={{law: linear, stiffness: {n} N/m}}" for n in (154,))
+        assert not case.changed("effects.stretch=null", least).remarks()

@@ -198,6 +198,14 @@ def test_a_linear_curve_does_not_lock() -> None:
     assert np.isnan(locking_angle(curve(angle, K * angle).way_out(0.9)))
 
 
+def test_where_a_force_is_not_known_no_angle_locks() -> None:
+    angle = np.linspace(0, 0.9, 61)
+    force = K * np.tan(angle) ** 3
+    assert np.isfinite(locking_angle(curve(angle, force).way_out(0.9)))
+    force[30] = np.nan
+    assert np.isnan(locking_angle(curve(angle, force).way_out(0.9)))
+
+
 def slope(angle: Array) -> Array:
     """Return the derivative of K/2 tan^2, N/m."""
     return K * np.tan(angle) / np.cos(angle) ** 2

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+import wovenfab
 from benchmarks.accuracy_page import ROOT, STUDIES, Shown
 from benchmarks.random_scenes import MORE
 from tests.benchmarks.test_small_random_scenes import ESTIMATE
@@ -105,6 +106,52 @@ def test_errors_are_the_true_ones_and_stated_ones_are_honest(
     assert rows(output, "accuracy") == found
 
 
+def stated(path: Path, *overrides: str) -> dict[str, dict[str, float]]:
+    """Return the figures of a run for an accuracy, with their errors."""
+    said = wovenfab.simulate(read_case(path, overrides)).summary["accuracy"]
+    assert not said["shortfall"]
+    return said["figures"]
+
+
+def test_the_displacement_under_a_force_has_the_error_of_the_force_under_a_displacement(
+    tmp_path: Path,
+) -> None:
+    """So it is with springs, which are linear."""
+    path = written(tmp_path, SPRINGS)
+    (moved,) = stated(path, "accuracy=5 %").values()
+    loaded = stated(path, "accuracy=5 %", "program={type: ramp, to: 25 N, steps: 1}")
+    answer = loaded.pop("peak_displacement_m")
+    assert not loaded
+    assert answer["relative_error"] == pytest.approx(moved["relative_error"], rel=0.01)
+    wrong = abs(answer["value"] / (1e-3 * 25 / spring_force()["peak_force_N"]) - 1)
+    assert 0.01 * answer["relative_error"] < wrong < 2 * answer["relative_error"]
+
+
+def test_a_program_of_forces_and_displacements_has_no_accuracy(tmp_path: Path) -> None:
+    mixed = "program=[{type: ramp, to: 1 N, duration: 1 s}, {type: ramp, to: 0 mm, duration: 1 s}]"
+    with pytest.raises(CaseError) as caught:
+        read_case(written(tmp_path, PULL), [mixed, "accuracy=1 %"])
+    assert [p.key for p in caught.value.problems] == ["accuracy"]
+
+
+def test_stated_errors_of_creep_are_larger_than_true_ones(tmp_path: Path) -> None:
+    path, mesh = written(tmp_path, PULL), "mesh: crossed, mesh_size: 0.5 m, degree: 2"
+    program = "program=[{type: ramp, to: 1 N, duration: 0.5 s, steps: STEPS}, "
+    program += "{type: hold, duration: 0.5 s, steps: STEPS}]"
+    found = stated(
+        path, program.replace("STEPS", "40"), "accuracy=5 %", "discretisation={mesh: crossed}"
+    )
+    fine = program.replace("STEPS", "100")
+    finer = wovenfab.simulate(read_case(path, [fine, f"discretisation={{{mesh}}}"]))
+    true = {
+        "peak_displacement_m": float(finer.history["displacement_m"].max()),
+        "dissipated_J": finer.summary["dissipated_J"],
+    }
+    assert found.keys() == true.keys()
+    for name, figure in found.items():
+        assert abs(figure["value"] - true[name]) < figure["error"] < 0.05 * true[name]
+
+
 def test_cells_and_steps_are_halved_from_level_to_level_in_the_largest_cycle(
     tmp_path: Path,
 ) -> None:
@@ -133,7 +180,7 @@ def test_what_an_accuracy_chooses_is_left_to_it(tmp_path: Path) -> None:
 
 def test_a_case_whose_errors_cannot_be_stated_is_refused_with_the_reason(tmp_path: Path) -> None:
     path, force = written(tmp_path, PULL), "program={type: ramp, to: 10 N, duration: 1 s}"
-    with pytest.raises(CaseError, match="prescribed force"):
+    with pytest.raises(CaseError, match="force is prescribed"):
         study_accuracy(path, tmp_path / "study", [force], 1)
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import wovenfab
 from tests import scenes
-from wovenfab.case import Case, CaseError
+from wovenfab.case import Case
 from wovenfab.case.objects import differentiate
 from wovenfab.forms.effect import OfShearAngle, Target
 from wovenfab.interface import execute
@@ -221,24 +221,6 @@ def test_derivatives_by_a_number_of_the_formula_agree_with_differences(
     for slope, up, down in zip(slopes, curves(share), curves(-share), strict=True):
         difference = (up - down) / (2 * share * value)
         assert np.abs(slope - difference).max() < 1e-3 * np.abs(difference).max()
-
-
-@pytest.mark.parametrize(
-    ("effects", "cause"),
-    [
-        ("effects.shear.stiffness=40 N/m * (1 + gamma^2)", "'gamma' cannot be used here"),
-        ("effects.spin_friction.strength=3 N/m * (1 - gamma)", "must not be negative"),
-        ("effects.spin_friction.strength=3 N/m / cos(gamma*100)^1e9", "no finite value"),
-        ("effects.spin_friction.strength=3 N/m * (1 + gamma/20 mm)", "cannot take"),
-        ("effects.spin_friction.strength=3 N/m * (1 + gama)", "unknown name"),
-        ("program.amplitudes=40 mm * gamma", "expected"),
-        ("boundary.right={displacement: [program * gamma, 0]}", "'gamma' cannot be used here"),
-    ],
-)
-def test_an_angle_where_it_has_no_meaning_is_refused(effects: str, cause: str) -> None:
-    case = sample({"law": "coulomb", "strength": GROWING})
-    with pytest.raises(CaseError, match=cause):
-        case.changed(effects)
 
 
 def test_a_stiffness_of_the_angle_is_no_stiffness() -> None:

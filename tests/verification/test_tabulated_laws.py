@@ -17,7 +17,7 @@ import wovenfab
 from tests import scenes
 from tests.verification.test_conjugate_force import picture_frame
 from wovenfab.forms.kinematics import Point
-from wovenfab.forms.table import TABLE, ForceTable
+from wovenfab.forms.table import TABLE, ForceTable, least_slope
 from wovenfab.model.constraints import Grip, Held
 from wovenfab.model.model import build_model
 from wovenfab.model.spline import LEAST_SLOPE, pieces_of
@@ -142,6 +142,14 @@ def test_beyond_the_table_the_shear_torque_grows_without_bound(rest: float) -> N
 def test_a_curve_that_flattens_quickly_keeps_a_slope_at_its_end() -> None:
     flat = ForceTable((0.1, 0.2, 0.3), (1.0, 2.0, 2.001))
     assert pieces_of(flat)[-1, 3] == pytest.approx(LEAST_SLOPE * 0.01)
+
+
+@pytest.mark.parametrize("table", [ROWS, EVEN], ids=["uneven", "even"])
+def test_the_least_slope_is_found_between_the_rows(table: ForceTable) -> None:
+    law, step = curve("stretch", table), table.strains[-1] / 2000
+    slopes = [law(strain)[2] for strain in np.arange(-0.1, 1.2 * table.strains[-1], step)]
+    assert least_slope(pieces_of(table)) == pytest.approx(min(slopes), rel=2e-3)
+    assert least_slope(pieces_of(table)) <= min(slopes) * (1 + 1e-12)
 
 
 def test_more_rows_of_a_closed_law_give_its_force_on_a_picture_frame() -> None:

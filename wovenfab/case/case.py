@@ -28,7 +28,7 @@ from ruamel.yaml import YAML
 
 from wovenfab import forms
 from wovenfab.case.boundary import EdgeConditions
-from wovenfab.case.checks import findings
+from wovenfab.case.checks import doubts, findings
 from wovenfab.case.document import (
     FROM,
     Document,
@@ -255,10 +255,14 @@ class Case(Section):
                 key = "effects", e.name, p.name
                 found += outside(quantity(p), e.values[p.name], key)
         places = self._origin.places
-        problems = (
+        problems = [
             places.problem(places.locate(path), *kind.doubts(value))
             for path, value, kind in dict.fromkeys(found)
             if places.locate(path)[-1:] == path[-1:]  # not a default
+        ]
+        problems += (
+            places.problem(places.locate(path), *rest)
+            for path, *rest in doubts(self.sheet, self.scene)
         )
         tables = (s for s in sections.values() if isinstance(s, TableSection) and s.tolerance)
         return [

@@ -57,7 +57,8 @@ from wovenfab.case.schema import (
     possible_fields,
 )
 from wovenfab.case.specimen import TestName, other_tests, rectangle_shape, setup_of
-from wovenfab.forms.table import TABLE
+from wovenfab.forms.table import TABLE, ForceTable
+from wovenfab.model.spline import pieces_of
 
 Array = NDArray[np.float64]
 Program = tuple[SegmentSection, ...]
@@ -146,10 +147,16 @@ def _corners(sheet: Rectangle | SheetFile, boundary: Boundary) -> Iterator[Findi
                 yield ("boundary", other, i), reason, "Free one of them, or move both alike."
 
 
+def _points(sheet: Rectangle) -> tuple[Array, Array]:
+    """Return the coordinates (m) of the points of a rectangle where formulas are tried."""
+    sides = np.linspace(0, sheet.length, 50), np.linspace(0, sheet.width, 50)
+    x, y = (coordinate.ravel() for coordinate in np.meshgrid(*sides))
+    return x, y
+
+
 def _values_everywhere(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
     if isinstance(sheet, Rectangle):
-        sides = np.linspace(0, sheet.length, 50), np.linspace(0, sheet.width, 50)
-        x, y = (coordinate.ravel() for coordinate in np.meshgrid(*sides))
+        x, y = _points(sheet)
         yield from list(unfit_values(scene, x, y)) or unsound_places(scene, x, y)
 
 
@@ -313,7 +320,9 @@ def values_at(value: Value, x: Array, y: Array, *programs: float) -> Array:
 
 
 #: Shear angles (rad) at which formulas of the angle are evaluated: all that yarns can take.
-ANGLES = np.deg2rad(np.linspace(-89.0, 89.0, 90))
+ANGLES = np.deg2rad(np.linspace(-89.0, 89.0, 179))
+#: A strength that changes less than this share within 60 degrees hardly depends on the angle.
+LEAST_GROWTH = 0.01
 
 
 def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
@@ -324,13 +333,18 @@ def unfit_values(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
         x: First coordinates of the points, m.
         y: Second coordinates, m.
     """
+    for path, value, bounds in _values_of(scene):
+        angles = ANGLES if SHEAR_ANGLE in value.variables else ANGLES[:1]
+        found = (_unfit(bounds, path, value, x, y, angle) for angle in angles)
+        yield from islice(chain.from_iterable(found), 1)
+
+
+def _values_of(scene: Scene) -> Iterator[tuple[KeyPath, Expression, Quantity]]:
+    """Yield the formulas of all parameters, each with how it is read."""
     for e in scene:
         for p in e.effect.parameters:
-            bounds = quantity(p)
             for path, value in _formulas(("effects", e.name, p.name), e.values[p.name]):
-                angles = ANGLES if SHEAR_ANGLE in value.variables else ANGLES[:1]
-                found = (_unfit(bounds, path, value, x, y, angle) for angle in angles)
-                yield from islice(chain.from_iterable(found), 1)
+                yield path, value, quantity(p)
 
 
 def _unfit(
@@ -359,6 +373,72 @@ def unsound_places(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
             place = _place(x, y, int(i))
             yield ("effects",), f"{lack[1]} at {place}", "Keep the values above zero there."
             return
+
+
+def doubts(sheet: Rectangle | SheetFile, scene: Scene) -> Iterator[Finding]:
+    """Yield what may go wrong in some programs only.
+
+    Formulas are tried on rectangles; on other sheets the values at the origin are taken.
+    """
+    x, y = _points(sheet) if isinstance(sheet, Rectangle) else (np.zeros(1), np.zeros(1))
+    yield from _softening(scene, x, y)
+    yield from _hardly_growing(scene, x, y)
+
+
+def _softening(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
+    """Yield an effect with a negative stiffness by stretch that the others do not outweigh.
+
+    The stored energy may then lose its convexity in the stretches, and results depend on the mesh.
+    """
+    bounds = {e.name: b for e in scene if (b := _stretch_stiffness(e, x, y)) is not None}
+    names = [name for name, bound in bounds.items() if bound.min() < 0]
+    if not names:
+        return
+    each = np.array(list(bounds.values()))
+    needed, found = np.maximum(-each, 0).sum(axis=0), np.maximum(each, 0).sum(axis=0)
+    lacks = np.where(needed > 0, needed - found, -np.inf)
+    family, i = np.unravel_index(int(np.argmax(lacks)), lacks.shape)
+    if lacks[family, i] >= 0:
+        where = "" if len(np.unique(lacks[family])) == 1 else f" at {_place(x, y, int(i))}"
+        reason = (
+            f"compressed yarns of family {family + 1} may lose stability, since the least "
+            f"stiffness of the others is {found[family, i]:.4g} N/m{where}"
+        )
+        others = one_of([n for n in effects_that_resist("stretching", scene) if n not in names])
+        remedy = (
+            f"More than {np.ceil(needed.max()):g} N/m of {others} is enough; sheets without "
+            "compressed yarns need none."
+        )
+        yield ("effects", names[0]), reason, remedy
+
+
+def _hardly_growing(scene: Scene, x: Array, y: Array) -> Iterator[Finding]:
+    """Yield formulas of the shear angle that hardly depend on it: a unit is probably missing."""
+    small = ANGLES[np.abs(ANGLES) < np.deg2rad(60.5)]
+    for path, value, _ in _values_of(scene):
+        if SHEAR_ANGLE in value.variables:
+            values = np.array([value.at(x, y, angle=angle) for angle in small])
+            if (np.ptp(values, axis=0) <= LEAST_GROWTH * values.max(axis=0)).all():
+                reason = f"hardly depends on {SHEAR_ANGLE}, which is in rad"
+                remedy = f"Degrees have their unit, as in '({SHEAR_ANGLE}/20 deg)^2'."
+                yield path, reason, remedy
+
+
+def _stretch_stiffness(e: SceneEffect, x: Array, y: Array) -> Array | None:
+    """Return the bound (N/m) of each family at points, shape (2, points); None if it is zero."""
+    if e.effect.stretch_stiffness is None:
+        return None
+
+    def numbers(given: Any) -> Any:
+        if isinstance(given, tuple):
+            return tuple(map(numbers, given))
+        return pieces_of(given) if isinstance(given, ForceTable) else values_at(given, x, y)
+
+    table = {} if e.table is None else {TABLE: e.table}
+    values = {name: numbers(given) for name, given in (*e.values.items(), *table.items())}
+    with np.errstate(all="ignore"):
+        bounds = e.effect.stretch_stiffness(values)
+    return np.array([np.broadcast_to(bound, x.shape) for bound in bounds], dtype=float)
 
 
 def unfit_conditions(

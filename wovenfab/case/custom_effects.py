@@ -17,6 +17,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import ufl
 from pydantic_core import PydanticCustomError
 
@@ -199,6 +200,16 @@ def _require_numbers(effect: Effect) -> None:
     for variable in effect.memory:
         updated = variable.update(point, point, values, 1.0)
         _require_scalar(f"the update of '{variable.name}'", updated)
+    if effect.stretch_stiffness is not None:
+        one = np.ones(1)
+        ones: dict[str, Any] = {
+            p.name: (one, one) if p.per_family else one for p in effect.parameters
+        }
+        if effect.table is not None:
+            rows = np.ones((3, COEFFICIENTS))
+            ones[TABLE] = (rows, rows) if effect.table.per_family else rows
+        if np.shape(np.array(effect.stretch_stiffness(ones), dtype=float)) not in ((2,), (2, 1)):
+            raise ValueError("the stiffness by stretch gives something else than two numbers")
 
 
 def _symbols(effect: Effect) -> tuple[Point, Values]:

@@ -394,7 +394,8 @@ class Expression:
 
     def at(self, x: Any, y: Any, program: Any = 0.0, second: Any = 0.0, angle: Any = 0.0) -> Any:
         """Return the SI value at points (m, arrays) for the programs (m) and an angle (rad)."""
-        variables = dict(zip(VARIABLES, (x, y, program, second, angle), strict=True))
+        given = map(np.asarray, (x, y, program, second, angle))  # which divide by zero
+        variables = dict(zip(VARIABLES, given, strict=True))
         with np.errstate(all="ignore"):
             return self.evaluate(variables, NUMPY_FUNCTIONS) + np.zeros_like(x)
 

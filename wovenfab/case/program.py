@@ -337,8 +337,13 @@ def force_control(
         yield ("program", forces.index(True)), "no edge moves to attain the force", remedy
     if solver.stability == "follow":
         yield ("solver", "stability"), "branches under a prescribed force are unstable", instead
-    if accuracy is not None:
-        yield ("accuracy",), "errors under a prescribed force are not estimated", instead
+    if accuracy is not None and not all(forces):
+        reason = "errors are estimated where all of the program is of one kind"
+        yield (
+            ("accuracy",),
+            reason,
+            "Leave this key out, or prescribe displacements or forces only.",
+        )
 
 
 def speeds(scene: Scene, program: Sequence[SegmentSection]) -> Iterator[Finding]:

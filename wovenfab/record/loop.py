@@ -54,9 +54,12 @@ class Branch:
         return bool(known.min() - self.slack <= strain <= known.max() + self.slack)
 
     def at(self, strain: float) -> float:
-        """Return the force (N/m) at a strain; NaN within the first step and beyond the ends."""
-        known = self.strain[1:]
-        if len(known) < FEWEST or not self.spans(strain, 1):
+        """Return the force (N/m) at a strain.
+
+        NaN within the first step, beyond the ends, and where forces of the branch are not known.
+        """
+        known, finite = self.strain[1:], np.isfinite(self.force[1:]).all()
+        if len(known) < FEWEST or not finite or not self.spans(strain, 1):
             return nan
         from scipy.interpolate import PchipInterpolator  # which takes longer than to read a case
 

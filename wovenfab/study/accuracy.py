@@ -18,8 +18,9 @@ from typing import Any
 
 from mpi4py import MPI
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import sheet_of
+from wovenfab.case.program import prescribe_forces
 from wovenfab.record.results import markdown, write_csv
 from wovenfab.record.summary import read_summary
 from wovenfab.sheet.sheet import Sheet
@@ -82,8 +83,11 @@ def for_accuracies(case: Case, folder: Path, levels: int) -> list[Member]:
     """Return a member for each of so many accuracies.
 
     Raises:
-        CaseError: None can be asked for.
+        CaseError: None can be asked for, or the force is prescribed: the study compares forces.
     """
+    if any(prescribe_forces(case.program)):
+        message = "the study of accuracy is not available where a force is prescribed"
+        raise CaseError([case.problem("program", message, "Prescribe displacements.")])
     chosen = ["discretisation.degree", "discretisation.mesh_size", "discretisation.corner_size"]
     chosen += ["discretisation.graded", "time.steps_per_cycle", "time.tolerance"]
     if "scheme" not in case.time.model_fields_set:

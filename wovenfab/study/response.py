@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, CyclesSection, RampSection
 from wovenfab.case.objects import simulation_of
-from wovenfab.case.program import program_of_case
+from wovenfab.case.program import prescribe_forces, program_of_case
 from wovenfab.model.model import Model
 from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
@@ -74,6 +74,7 @@ class Response:
         model: The model, whose field is that of the largest force.
         states: The field by time, its unknowns with ghosts; empty unless asked for.
         breaks: Times at which the force may jump, s.
+        loaded: Whether the program prescribes the force, which the displacement answers.
     """
 
     steps: tuple[Step, ...]
@@ -81,6 +82,7 @@ class Response:
     model: Model
     states: Mapping[float, Array]
     breaks: tuple[float, ...] = ()
+    loaded: bool = False
 
     @property
     def times(self) -> Array:
@@ -99,8 +101,9 @@ class Response:
 
     @property
     def curve(self) -> ForceCurve:
-        """Force against time."""
-        return ForceCurve(self.times, self.forces, self.breaks)
+        """What answers the program against time: the force, or the displacement (m) of a load."""
+        answer = self.displacements if self.loaded else self.forces
+        return ForceCurve(self.times, answer, self.breaks)
 
     @property
     def dissipated(self) -> Array:
@@ -109,10 +112,15 @@ class Response:
 
     @property
     def figures(self) -> dict[str, float]:
-        """Peak force (N) and all the energy dissipated (J), zero if that is next to nothing."""
-        peak, loss = peak_force(self.forces), float(self.dissipated[-1])
-        least = NOTHING * abs(peak) * float(np.abs(self.displacements).max())
-        return {"peak_force_N": peak, "dissipated_J": loss if loss > least else 0.0}
+        """The peak of what answers the program, and all the energy dissipated (J).
+
+        That is zero if it is next to nothing. Under a prescribed force the peak is that of the
+        displacement (m), and else of the force (N).
+        """
+        force, travel = peak_force(self.forces), peak_force(self.displacements)
+        loss, least = float(self.dissipated[-1]), NOTHING * abs(force * travel)
+        peak = {"peak_displacement_m": travel} if self.loaded else {"peak_force_N": force}
+        return {**peak, "dissipated_J": loss if loss > least else 0.0}
 
     @property
     def count(self) -> int:
@@ -194,7 +202,8 @@ def response_of(
         if outcome.signal:
             raise InterruptedRunError(outcome.signal)
         field[:] = at_peak
-    return Response(tuple(steps), outcome, simulation.model, states, breaks_of(case))
+    loaded = any(prescribe_forces(case.program))
+    return Response(tuple(steps), outcome, simulation.model, states, breaks_of(case), loaded)
 
 
 def breaks_of(case: Case) -> tuple[float, ...]:

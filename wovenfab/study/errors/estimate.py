@@ -22,7 +22,7 @@ from wovenfab.record.history import index_of_peak
 from wovenfab.record.results import write_whole
 from wovenfab.sheet.output_nodes import OutputNodes
 from wovenfab.study.errors.elements import DegreeRefinement, error_shares
-from wovenfab.study.errors.steps import PEAK
+from wovenfab.study.errors.steps import PEAKS
 from wovenfab.study.response import Response
 
 Array = NDArray[np.float64]
@@ -60,7 +60,7 @@ class Estimate:
     @property
     def relative(self) -> dict[str, float]:
         """Size of both errors together over the figure, by name, on the safe side."""
-        time, missed = self.time or {}, {PEAK: self.missed}
+        time, missed = self.time or {}, dict.fromkeys(PEAKS, self.missed)
         return {
             name: stated_error(e, time.get(name, 0.0), missed.get(name, 0.0))
             for name, e in self.space.items()
@@ -85,7 +85,8 @@ class Estimate:
         """Return the errors of the elements against time: columns of ``error.csv`` by name."""
         responses, own = self.refinement.responses, self.response
         columns = {"time_s": own.times, "displacement_m": own.displacements}
-        names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J")}
+        answer = {"displacement": ("displacements", "m")} if own.loaded else {}
+        names = {"force": ("forces", "N"), "dissipated": ("dissipated", "J"), **answer}
         for what, (name, unit) in names.items():
             values = np.array([getattr(r, name) for r in responses]).T
             errors = [self.refinement.error(v, self.degree) for v in values]

@@ -16,12 +16,14 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case, CyclesSection
 from wovenfab.case.objects import sheet_of
+from wovenfab.case.program import prescribe_forces
+from wovenfab.record.history import peak_force
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
-from wovenfab.study.errors.steps import PEAK
+from wovenfab.study.errors.steps import PEAKS
 from wovenfab.study.force_curve import ForceCurve
 from wovenfab.study.response import breaks_of
 
@@ -41,7 +43,11 @@ UNKNOWN = (
     "compare with a run that has smaller cells and more steps"
 )
 #: Name and unit of the figures, as people read them.
-WORDS = {"peak_force_N": ("peak force", "N"), "dissipated_J": ("dissipated", "J")}
+WORDS = {
+    "peak_force_N": ("peak force", "N"),
+    "peak_displacement_m": ("peak displacement", "m"),
+    "dissipated_J": ("dissipated", "J"),
+}
 
 
 def choose(
@@ -178,12 +184,15 @@ def report_errors(
         say: Gets messages.
     """
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
-    curve = ForceCurve(history["time_s"], history["force_N"], breaks_of(case))
-    missed = {PEAK: curve.missed_peak()} if steps else {}
+    loaded, travel = any(prescribe_forces(case.program)), history["displacement_m"]
+    answer = travel if loaded else history["force_N"]
+    curve = ForceCurve(history["time_s"], answer, breaks_of(case))
+    missed = dict.fromkeys(PEAKS, curve.missed_peak()) if steps else {}
+    values = {**summary, "peak_displacement_m": peak_force(travel) if len(travel) else None}
     figures = {
-        name: _error(summary[name], share, steps, name, missed.get(name, 0.0))
+        name: _error(values[name], share, steps, name, missed.get(name, 0.0))
         for name, share in errors["elements"].items()
-        if summary.get(name) is not None
+        if values.get(name) is not None
     }
     if not shortfall and any(
         (f["relative_error"] or 0.0) > ALMOST * wanted for f in figures.values()

@@ -24,7 +24,7 @@ from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import StepFailedError
 from wovenfab.study.errors.estimate import SAFETY, Estimate, worst
 from wovenfab.study.errors.meshes import Mesher, has_free_size
-from wovenfab.study.errors.steps import PEAK, StepRefinement
+from wovenfab.study.errors.steps import PEAKS, StepRefinement
 from wovenfab.study.force_curve import ForceCurve
 from wovenfab.study.response import (
     Budget,
@@ -94,7 +94,7 @@ class TimeSteps:
     @property
     def estimated_error(self) -> float:
         """The largest error, on the safe side."""
-        peak = SAFETY * abs(self.errors.get(PEAK, 0.0)) + UNSURE * self.missed
+        peak = SAFETY * worst({n: self.errors.get(n, 0.0) for n in PEAKS}) + UNSURE * self.missed
         return max(peak, SAFETY * worst(self.errors))
 
     @property

@@ -9,7 +9,9 @@ from math import log
 from wovenfab.study.errors.refinement import error_of_degrees
 from wovenfab.study.response import Response
 
-PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
+#: The peak of what answers the program: the force, or the displacement under a prescribed force.
+PEAKS = ("peak_force_N", "peak_displacement_m")
+PEAK, DISSIPATED = PEAKS[0], "dissipated_J"
 
 
 def error_and_order(
@@ -50,7 +52,7 @@ class StepRefinement:
         """
         counts = [r.count for r in self.responses]
         values = {
-            PEAK: [r.curve.peak_of_spline()[1] for r in self.responses],
+            **{peak: [r.curve.peak_of_spline()[1] for r in self.responses] for peak in PEAKS},
             DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
         }
         result = {}
