@@ -333,7 +333,7 @@ def _solver(source: RunData) -> Sequence[Block]:
     cut_backs = source.summary.get("cut_backs", 0)
     caption = "Newton iterations and length of each step; wall time by phase."
     if cut_backs:
-        caption += f" {cut_backs} attempts did not converge and were cut back: shorter steps."
+        caption += f" Attempts that did not converge, followed by shorter steps: {cut_backs}."
     return [picture(curves.solver(source), caption)]
 
 
