@@ -134,8 +134,9 @@ class Case(Section):
     accuracy: Annotated[float | None, Quantity(above=0, most=0.2)] = Field(
         default=None, examples=["1 %"]
     )
-    """Largest relative error of the peak force and of the dissipated energy; degree, size of
-    cells and steps are then found by the program."""
+    """Largest relative error of the peak force, or the largest displacement where the force is
+    prescribed, and of the dissipated energy; degree, size of cells and steps are then found by
+    the program."""
 
     discretisation: Discretisation = Discretisation()
     """Elements in space."""
