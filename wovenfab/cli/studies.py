@@ -228,30 +228,40 @@ def _varied(
 
 if TYPE_CHECKING:
     from wovenfab.study.fit.fit_file import Fit
-    from wovenfab.study.fit.identifiability import Identifiability
+    from wovenfab.study.fit.leave_out import FittedModel, Prediction
     from wovenfab.study.fit.objective import FitTrial
     from wovenfab.study.fit.search import Found
 
+#: Last part of the name of the folder in which several fits are compared.
+MODELS = "models"
 
-def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int:
-    """Find the parameters that fit files ask for, compare several; return the exit code."""
+
+def fit_all(
+    paths: Sequence[Path], output: Path | None, cluster: Cluster, leave_out: bool = False
+) -> int:
+    """Find the parameters that fit files ask for, compare several; return the exit code.
+
+    With ``leave_out`` each test is predicted by a fit to all others, too.
+    """
     console = Console()
     if is_launched():
         console.problem("fit starts its own processes: start it without mpirun, with --jobs")
         return BAD_INPUT
+    from wovenfab.report.models import PAGE, write_models_page
     from wovenfab.study.fit.fit_file import read_fit
-    from wovenfab.study.fit.identifiability import models_compared
+    from wovenfab.study.fit.leave_out import models_compared
     from wovenfab.study.fit.response import BranchError, TrialError
+    from wovenfab.study.fit.result import write_models
 
     configure_log(0, None, console.log, first_rank=True)
-    fits = [read_fit(path) for path in paths]
-    known = {}
+    fits = [read_fit(path, leave_out) for path in paths]
+    models = {}
     for fit in fits:
         directory = output or Path("results") / fit.name
         if output and len(fits) > 1:
             directory = output / fit.name
         try:
-            known[fit.name] = _fit(console, fit, directory, cluster)
+            models[fit.name] = _fit(console, fit, directory, cluster, leave_out)
         except (TrialError, BranchError) as failure:
             console.problem(str(failure))
             return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
@@ -259,17 +269,25 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
             there = f"{directory} has what is done"
             console.problem(f"interrupted; to go on, repeat the command ({there})")
             return INTERRUPTED
-    if len(known) > 1:
-        console.say("\n".join(["", *models_compared(known)]))
+    if len(models) > 1:
+        directory = output or Path("results") / f"{fits[0].name}-{MODELS}"
+        notes = models_compared(models)
+        write_models(models, notes, directory)
+        write_models_page(models, notes, directory / PAGE)
+        console.say("\n".join(["", *notes, "", f"comparison: {directory}"]))
     return 0
 
 
-def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Identifiability:
+def _fit(
+    console: Console, fit: Fit, directory: Path, cluster: Cluster, leave_out: bool
+) -> FittedModel:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
     from wovenfab.study.fit.figures import in_words as of_figures
     from wovenfab.study.fit.fit_file import FigureTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
+    from wovenfab.study.fit.leave_out import FittedModel
+    from wovenfab.study.fit.leave_out import in_words as of_predictions
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
     from wovenfab.study.fit.search import profile, search_with_slack
@@ -297,6 +315,7 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
             if name in halves
         ]
         specimens = specimen_values(objective, fit, found)
+    predictions = _left_out(console, fit, place, cluster) if leave_out else ()
     beyond = [
         f"{test.name}: {comparison.left_out}."
         for test, comparison in zip(fit.tests, e.comparisons, strict=True)
@@ -312,14 +331,30 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
         *map(str, profiles),
     ]
     notes += of_specimens(specimens, fit)
-    write_result(fit, found, known, profiles, specimens, notes, directory)
+    if predictions:
+        notes += of_predictions(predictions)
+    write_result(fit, found, known, profiles, specimens, notes, directory, predictions)
     draw_fit(fit, found, known, directory / PICTURE)
-    write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
+    write_fit_page(fit, found, known, profiles, notes, directory / PAGE, predictions)
     for i in known.intervals:
         interval = f"95 %: {i.low:.4g} to {i.high:.4g}" if i.determined else "not determined"
         console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  ({interval})")
     console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
-    return known
+    return FittedModel(fit, known, predictions)
+
+
+def _left_out(console: Console, fit: Fit, place: Path, cluster: Cluster) -> tuple[Prediction, ...]:
+    """Return each experiment of a fit as a fit to all others predicts it."""
+    from wovenfab.study.fit.fit_file import experiments
+    from wovenfab.study.fit.leave_out import predicted
+
+    predictions = []
+    for tests in experiments(fit.tests):
+        left = ", ".join(fit.tests[number].name for number in tests)
+        with console:
+            console.say(f"without {left}:")
+            predictions.append(predicted(fit, tests, place, cluster, _reporter(console, fit)))
+    return tuple(predictions)
 
 
 def _headlines(fit: Fit, found: Found) -> list[str]:

@@ -15,6 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from wovenfab.measured.curve import Measured
 from wovenfab.record.figures import laboratory
 from wovenfab.record.results import this_process
+from wovenfab.report.models import left_out
 from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
@@ -30,6 +31,7 @@ from wovenfab.report.style import (
 )
 from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest
 from wovenfab.study.fit.identifiability import ConfidenceInterval, Identifiability
+from wovenfab.study.fit.leave_out import Prediction
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
@@ -64,12 +66,15 @@ def write_fit_page(
     profiles: Sequence[Profile],
     notes: Sequence[str],
     path: Path,
+    predictions: Sequence[Prediction] = (),
 ) -> Path:
     """Write the page of a fit; return its path."""
     figures = [(i.name, _shown(i.value, i.unit)) for i in known.intervals]
     sections = _sections(fit, found, known)
     if profiles:
         sections.insert(-2, section("Profiles", lambda: [_profiles(fit, profiles)]))
+    if predictions:
+        sections.insert(-1, left_out(fit, {fit.name: predictions}))
     return write_page(path, fit.title or fit.name, notes, figures, sections, this_process())
 
 

@@ -33,6 +33,7 @@ from wovenfab.case.errors import (
     reason,
     value_error,
 )
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
 from wovenfab.case.quantities import Count, Length, Quantity, Section, Several
 from wovenfab.case.specimen import shear_test_of, standard_tests_of
@@ -424,8 +425,12 @@ class Fit:
     profiles: tuple[str, ...] = ()
 
 
-def read_fit(path: Path) -> Fit:
+def read_fit(path: Path, leave_out: bool = False) -> Fit:
     """Return what a fit file asks for.
+
+    Args:
+        path: The file.
+        leave_out: Whether each experiment is to be left out: there must be several.
 
     Raises:
         CaseError: With everything that is wrong in it, in its cases or measured files.
@@ -465,9 +470,21 @@ def read_fit(path: Path) -> Fit:
                     message, remedy = reason(error)
                     message = f"in the case of tests.{number} {message}"
                     problems.append(document.problem(("parameters", unknown.name), message, remedy))
+    if leave_out and len(experiments(tests)) == 1:
+        message = "there is one experiment: without it nothing is left to be fitted"
+        remedy = "Add a test of another size, kind or rate, or fit without --leave-out."
+        problems.append(document.problem(("tests",), message, remedy))
     if problems:
         raise CaseError(problems)
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
+
+
+def experiments(tests: Sequence[MeasuredTest | FigureTest]) -> tuple[tuple[int, ...], ...]:
+    """Return the numbers, from 0, of the tests of each experiment: those of one case are one."""
+    numbers: dict[str, list[int]] = {}
+    for number, test in enumerate(tests):
+        numbers.setdefault(fingerprint(test.case), []).append(number)
+    return tuple(map(tuple, numbers.values()))
 
 
 def _test(test: Test, document: Document, number: int) -> MeasuredTest | FigureTest:

@@ -153,7 +153,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
     else:
         values, coarse = dict(near), _tried(objective, near, COARSE)
     best, scale, region = _tried(objective, values, 1.0), 1.0, REGION[1]
-    error, shift = _error(fit, best, coarse)
+    error, shift = discretisation_error(fit, best, coarse)
     for _ in range(MOST_FINE):
         weights = best.weights(fit)
         correction = Correction(objective.scaled(values), best, coarse, weights)
@@ -161,7 +161,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
             if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
                 break
             scale, as_said, best = FINER, best, _tried(objective, values, FINER)
-            error, shift = _error(fit, as_said, coarse, best)
+            error, shift = discretisation_error(fit, as_said, coarse, best)
             continue
         other, beside = _minimised(objective, fit, values, region, correction)
         done = objective.attempt(other, scale)
@@ -170,7 +170,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
             continue
         values, best, coarse = other, done, beside
         if scale == 1:
-            error, shift = _error(fit, best, coarse)
+            error, shift = discretisation_error(fit, best, coarse)
     return Found(values, best, tuple(objective.trials), scale, converged, error, shift, correction)
 
 
@@ -373,7 +373,7 @@ def offset(residuals: Array, jacobian: Array) -> float:
     return float(np.sqrt((along @ along / p) / max(float(rest) / (n - p), 1e-300)))
 
 
-def _error(
+def discretisation_error(
     fit: Fit, as_said: Evaluation, coarse: Evaluation, finer: Evaluation | None = None
 ) -> tuple[float, Array]:
     """Return the estimated error by cells and steps, and by how much it moves scaled parameters.
