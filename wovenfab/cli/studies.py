@@ -283,8 +283,9 @@ def _fit(
 ) -> FittedModel:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
+    from wovenfab.study.fit.clouds import in_words as of_field
     from wovenfab.study.fit.figures import in_words as of_figures
-    from wovenfab.study.fit.fit_file import FigureTest
+    from wovenfab.study.fit.fit_file import FieldTest, FigureTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
     from wovenfab.study.fit.leave_out import FittedModel
     from wovenfab.study.fit.leave_out import in_words as of_predictions
@@ -296,7 +297,9 @@ def _fit(
 
     curves = [curve for test in fit.tests for curve in test.specimens]
     figures = sum(len(t.figures) for t in fit.tests if isinstance(t, FigureTest))
-    what = [(len(curves), "measured curve"), (figures, "figure"), (len(fit.unknowns), "parameter")]
+    fields = sum(isinstance(t, FieldTest) for t in fit.tests)
+    what = [(len(curves), "measured curve"), (figures, "figure"), (fields, "measured field")]
+    what.append((len(fit.unknowns), "parameter"))
     console.say(f"{fit.name}: {', '.join(counted(n, name) for n, name in what if n)}")
     for curve in curves:
         if curve.reading is not None:
@@ -321,12 +324,14 @@ def _fit(
         for test, comparison in zip(fit.tests, e.comparisons, strict=True)
         if comparison.left_out
     ]
-    pairs = zip(fit.tests, e.comparisons, strict=True)
+    pairs = list(zip(fit.tests, e.comparisons, strict=True))
+    fields_met = [of_field(t, c) for t, c in pairs if isinstance(t, FieldTest)]
     figures_met = [line for t, c in pairs if isinstance(t, FigureTest) for line in of_figures(t, c)]
     notes = [
         *_headlines(fit, found),
         *beyond,
         *figures_met,
+        *fields_met,
         *in_words(known, fit),
         *map(str, profiles),
     ]
@@ -358,11 +363,13 @@ def _left_out(console: Console, fit: Fit, place: Path, cluster: Cluster) -> tupl
 
 
 def _headlines(fit: Fit, found: Found) -> list[str]:
-    from wovenfab.study.fit.fit_file import FigureTest
+    from wovenfab.study.fit.fit_file import FieldTest, FigureTest
 
     misfit, spent = found.evaluation.misfit, sum(t.seconds for t in found.trials)
     followed = f"The curves are followed within {100 * misfit:.2f} % of their largest force"
-    if all(isinstance(test, FigureTest) for test in fit.tests):
+    if all(isinstance(test, FieldTest) for test in fit.tests):
+        followed = f"Displacements are followed within {100 * misfit:.2f} % of their largest"
+    elif all(isinstance(test, FigureTest | FieldTest) for test in fit.tests):
         followed = f"The figures are met within {100 * misfit:.2f} %"
     fine = [t for t in found.trials if not t.coarse]
     if isfinite(found.error):

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wovenfab.case.specimen import bias_extension_of
-from wovenfab.study.fit.fit_file import FigureTest, Fit, FitParameter, MeasuredTest
+from wovenfab.study.fit.fit_file import Fit, FitParameter, FittedTest, MeasuredTest
 from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison
 
@@ -71,7 +71,7 @@ class ConfidenceInterval:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How well the model follows one curve; of figures there is the misfit alone.
+    """How well the model follows one curve; of figures and fields there is the misfit alone.
 
     Attributes:
         misfit: Root mean square of the distances over the largest measured force.
@@ -203,8 +203,8 @@ def _interval(
     return ConfidenceInterval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
-def _fidelity(test: MeasuredTest | FigureTest, comparison: Comparison) -> Fidelity:
-    if isinstance(test, FigureTest):
+def _fidelity(test: FittedTest, comparison: Comparison) -> Fidelity:
+    if not isinstance(test, MeasuredTest):
         return Fidelity(comparison.misfit)
     counted = comparison.resolved
     measured, rows = comparison.measured[counted], comparison.rows[counted]
@@ -266,7 +266,7 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
                 "ratio to it as in the case."
             )
     for test, count in zip(fit.tests, known.unresolved, strict=True):
-        if count:
+        if count and isinstance(test, MeasuredTest):
             lines.append(
                 f"{test.name}: {count} rows lie in steps in which friction reverses; "
                 "they tell only within such a step where that is. Smaller steps resolve more."

@@ -9,8 +9,11 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from wovenfab.case import Case
 from wovenfab.record.results import write_whole
-from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest, with_values
+from wovenfab.study.fit.fit_file import FieldTest, FigureTest, Fit, FittedTest, with_values
 from wovenfab.study.fit.identifiability import Identifiability
 from wovenfab.study.fit.leave_out import FittedModel, Prediction, misfit
 from wovenfab.study.fit.response import Comparison
@@ -57,7 +60,11 @@ def write_result(
         "notes": notes,
     }
     write_whole(directory / "fit.json", json.dumps(result, indent=1) + "\n")
+    cases: list[Case] = []
     for number, test in enumerate(fit.tests):
+        if any(test.case is other for other in cases):  # a field of a test before it
+            continue
+        cases.append(test.case)
         which = "" if len(fit.tests) == 1 else f"{number + 1}-"
         case = with_values(test.case, fit.unknowns, found.values)
         write_whole(directory / f"{which}{test.case.name}.yaml", case.to_yaml())
@@ -109,8 +116,20 @@ def _left_out(predictions: Sequence[Prediction]) -> dict[str, Any] | None:
     }
 
 
-def _figures(test: MeasuredTest | FigureTest, comparison: Comparison) -> dict[str, Any]:
-    """Return the figures of a test, if it has any: measured, fitted and error, in SI units."""
+def _figures(test: FittedTest, comparison: Comparison) -> dict[str, Any]:
+    """Return the figures of a test, if it has any, or what its field is, in SI units."""
+    if isinstance(test, FieldTest):
+        on = comparison.resolved
+        distances = (comparison.computed - comparison.measured)[on]
+        field = {
+            "displacement": test.at,
+            "points": int(np.count_nonzero(on)) // 2,
+            "beside": int(np.count_nonzero(~on)) // 2,
+            "independent": test.share,
+            "distance": float(np.sqrt(2 * np.mean(distances**2))),
+            "error": test.error,
+        }
+        return {"field": field}
     if not isinstance(test, FigureTest):
         return {}
     pairs = zip(test.figures, comparison.computed, strict=True)

@@ -135,6 +135,8 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
         return values
     upper = lower = 0.0
     for test, c in zip(fit.tests, first.comparisons, strict=True):
+        if c.of_field:  # a field does not depend on the common size
+            continue
         weighted = np.where(c.resolved, c.computed / test.errors[c.rows] ** 2, 0.0)
         upper += float(weighted @ c.measured)
         lower += float(weighted @ c.computed)
@@ -391,19 +393,20 @@ def discretisation_error(
     """
     best = as_said if finer is None else finer
     rows = as_said.resolved & coarse.resolved & best.resolved
-    larger = _distance(as_said, coarse, rows)
+    counted = rows & as_said.counted
+    larger = _distance(as_said, coarse, counted)
     if not larger:
         return np.nan, np.zeros(best.jacobian.shape[1])
     if finer is None:
         less, factor = coarse, float(COARSE ** ORDERS[0] - 1)
     else:
-        change = larger / _distance(finer, as_said, rows)
+        change = larger / _distance(finer, as_said, counted)
         order = exponent(COUNTS, change, fastest=ORDERS[1], slowest=ORDERS[0])
         less, factor = as_said, float(FINER**-order - 1)
     weights = best.weights(fit)
     moved = np.where(rows, weights * (best.residuals - less.residuals) / factor, 0.0)
     shift = np.linalg.lstsq(weights[:, None] * best.jacobian, moved, rcond=1e-6)[0]
-    return _distance(best, less, rows) / factor, np.abs(shift)
+    return _distance(best, less, counted) / factor, np.abs(shift)
 
 
 def _distance(a: Evaluation, b: Evaluation, rows: NDArray[np.bool_]) -> float:
