@@ -183,8 +183,10 @@ def test_points_beside_the_sheet_do_not_count_and_most_must_lie_on_it(
         field_compared(*_with_rows(field, curve, np.concatenate([rows[:100], -rows[100:]])), ())
     (tmp_path / "case.yaml").write_text(CASE)
     case, away = read_case(tmp_path / "case.yaml"), np.array([[-0.5, 0.0]])
-    here = computed(case, [], {"it": Place(0.5, np.vstack([away, POINTS[:3]]))}).fields["it"]
-    assert np.isnan(here[0]).all() and np.isfinite(here[1:]).all()
+    places = {"some": Place(0.5, np.vstack([away, POINTS[:3]])), "none": Place(1.0, away)}
+    here = computed(case, [], places).fields
+    assert np.isnan(here["some"][0]).all() and np.isfinite(here["some"][1:]).all()
+    assert here["none"].shape == (1, 2, 1) and np.isnan(here["none"]).all()
 
 
 def test_a_field_at_a_displacement_that_the_program_does_not_reach_is_refused(

@@ -98,7 +98,7 @@ class ResponseCurve:
         """Return the curve of what :meth:`as_lists` gave."""
         names = "displacement", "force", "work", "slopes"
         u, f, work, slopes = (np.array(data[name]) for name in names)
-        fields = {key: np.array(values) for key, values in data["fields"].items()}
+        fields = {key: np.array(values) for key, values in data.get("fields", {}).items()}
         turns = tuple(data["turns"])
         return ResponseCurve(u, f, work, slopes, turns, data["seconds"], fields=fields)
 
@@ -188,7 +188,8 @@ class CloudProbe:
     def __init__(self, model: Model, points: Array) -> None:
         """Locate points (m), shape (n, 2), and compile the evaluation; collective."""
         *_, self._on = located(model.sheet, points)
-        self._model, self._fields = model, PointFields(model, points[self._on])
+        self._model = model
+        self._fields = PointFields(model, points[self._on]) if self._on.any() else None
 
     def values(self, derivatives: Array) -> Array:
         """Return displacements and their derivatives, shape (n, 2, 1 + parameters); collective.
@@ -199,18 +200,21 @@ class CloudProbe:
         Returns:
             They are NaN at points beside the sheet.
         """
-        field = self._model.field
-        columns = [self._displacements()]
+        field, values = self._model.field, np.full((len(self._on), 2, 1 + len(derivatives)), np.nan)
+        if self._fields is None:
+            return values
+        columns = [_mean_displacement(self._fields)]
         with preserved(field):
             for direction in derivatives:
                 field.x.array[:] = direction
-                columns.append(self._displacements())
-        values = np.full((len(self._on), 2, len(columns)), np.nan)
+                columns.append(_mean_displacement(self._fields))
         values[self._on] = np.stack(columns, axis=2)
         return values
 
-    def _displacements(self) -> Array:
-        return np.asarray(np.mean([*self._fields.values().values()], axis=0))
+
+def _mean_displacement(fields: PointFields) -> Array:
+    """Return the mean over the families, shape (points, 2), m; collective."""
+    return np.asarray(np.mean([*fields.values().values()], axis=0))
 
 
 def _turns(displacement: Array) -> tuple[int, ...]:
