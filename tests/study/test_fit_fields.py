@@ -116,6 +116,7 @@ def test_bending_is_found_from_field_and_curve_and_not_from_the_curve(tmp_path: 
     for test, c in zip(fit.tests[1:], e.comparisons[1:], strict=True):
         assert isinstance(test, FieldTest)
         print(in_words(test, c))
+    (tmp_path / "out").mkdir()
     write_result(fit, found, both, (), (), (), tmp_path / "out")
     field = json.loads((tmp_path / "out" / "fit.json").read_text())["tests"][1]["field"]
     assert field["points"] == 800 and field["distance"] == pytest.approx(2**0.5 * ERROR, rel=0.1)
