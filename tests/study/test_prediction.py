@@ -19,11 +19,11 @@ from wovenfab.study.fit.fit_file import Fit, read_fit
 from wovenfab.study.fit.identifiability import Identifiability, JointUncertainty, knowledge
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.prediction import (
+    FittedCase,
     FittedValues,
-    Prediction,
+    fitted_case,
     half_width,
     in_words,
-    prediction,
     read_fitted,
     with_band,
 )
@@ -61,7 +61,7 @@ def fitted(values: Mapping[str, float], covariance: Any, **more: Any) -> FittedV
     return FittedValues(Path("fit.json"), values, (), known)
 
 
-def banded(made: Prediction) -> dict[str, list[float]]:
+def banded(made: FittedCase) -> dict[str, list[float]]:
     targets = [*made.targets.values()]
     return with_band(sensitivities(made.case, targets, MPI.COMM_SELF, lambda _: None), made)
 
@@ -78,7 +78,7 @@ def test_the_band_of_a_spring_is_its_closed_form_and_the_machine_takes_no_part(
     strip = case(tmp_path, STRIP.replace("VALUE", "500 N/m"))
     values = {"stretch.stiffness[1]": 800.0, "machine.compliance": 1e-4}
     covariance = [[16.0**2, 0.9 * 16 * 1e-5], [0.9 * 16 * 1e-5, 1e-10]]
-    made = prediction(strip, fitted(values, covariance, shift=np.array([-3.0, 1.0])))
+    made = fitted_case(strip, fitted(values, covariance, shift=np.array([-3.0, 1.0])))
     columns = banded(made)
     u = np.array(columns["displacement_m"])
     assert columns["force_N"] == pytest.approx(800 * u / 2, abs=1e-6)
@@ -102,11 +102,11 @@ def test_what_is_known_as_a_sum_predicts_by_the_sum(tmp_path: Path) -> None:
     fit = read_fit(tmp_path / "fit.yaml")
     known = known_of(fit, values, tmp_path)
     assert all(np.isinf(i.half) for i in known.intervals)
-    made = prediction(same, FittedValues(Path("fit.json"), values, (), known.joint))
+    made = fitted_case(same, FittedValues(Path("fit.json"), values, (), known.joint))
     columns = banded(made)
     assert 0 < columns["force_high_N"][-1] / columns["force_N"][-1] - 1 < 0.02
     other = case(tmp_path, STRIP.replace("VALUE", "300 N/m + 200 N/m * (3 + x / 0.2 m)"), "other")
-    beside = banded(prediction(other, made.fitted))
+    beside = banded(fitted_case(other, made.fitted))
     assert np.isinf(beside["force_high_N"][-1])  # it depends on another combination
 
 
@@ -148,7 +148,7 @@ def test_the_band_is_the_scatter_of_runs_with_parameters_drawn_from_the_covarian
     values = {"shear.stiffness": 50.0, "stretch.stiffness": 2e4}
     deviation = np.array([2.0, 1e3])
     covariance = np.outer(deviation, deviation) * [[1, -0.8], [-0.8, 1]]
-    columns = banded(prediction(bias, fitted(values, covariance)))
+    columns = banded(fitted_case(bias, fitted(values, covariance)))
     half = columns["force_high_N"][-1] - columns["force_N"][-1]
     drawn = np.random.default_rng(5).standard_normal((8, 2))
     drawn -= drawn.mean(axis=0)  # draws with this mean and covariance themselves: few are enough
@@ -157,7 +157,7 @@ def test_the_band_is_the_scatter_of_runs_with_parameters_drawn_from_the_covarian
     forces = []
     for row in drawn:
         sample = fitted(dict(zip(values, map(float, row), strict=True)), covariance)
-        of = prediction(bias, sample).case.changed("program.steps=1")
+        of = fitted_case(bias, sample).case.changed("program.steps=1")
         forces.append(sensitivities(of, [], MPI.COMM_SELF, lambda _: None)["force_N"][-1])
     assert half / 2 == pytest.approx(np.std(forces, ddof=1), rel=0.05)
     alone = np.hypot(*(deviation * [columns[f"d_force/d_{n}"][-1] for n in values]))
@@ -218,6 +218,6 @@ def test_what_is_no_result_of_a_fit_is_refused(
 def test_a_case_without_an_effect_of_the_fit_is_refused(tmp_path: Path) -> None:
     bias = case(tmp_path, BIAS)
     with pytest.raises(CaseError, match="bending"):
-        prediction(bias, fitted({"bending.stiffness": 1.0}, [[1.0]]))
+        fitted_case(bias, fitted({"bending.stiffness": 1.0}, [[1.0]]))
     with pytest.raises(CaseError, match="machine"):
-        prediction(bias, fitted({"machine.force": 1.0}, [[1.0]]))
+        fitted_case(bias, fitted({"machine.force": 1.0}, [[1.0]]))

@@ -291,6 +291,12 @@ def sensitivities(
 def fit(
     files: Annotated[list[Path], _argument(help="Fit files (YAML), one or more.")],
     output: Output = None,
+    leave_out: Annotated[
+        bool,
+        typer.Option(
+            "--leave-out", help="Predict each test by a fit to all others, and compare files by it."
+        ),
+    ] = False,
     jobs: Jobs = None,
     ranks: Ranks = 1,
     cluster: OnCluster = "local",
@@ -299,12 +305,13 @@ def fit(
 
     A fit file names tests (a case and a measured file each) and the parameters to find; try
     configs/lab/glass-plain-fit.yaml. Several files, such as with and without an effect, are
-    compared by their misfit and by the Bayesian information criterion.
+    compared by their misfit and by the Bayesian information criterion, and with --leave-out by
+    how well they predict tests that they were not given.
     """
     from wovenfab.cli.studies import fit_all
     from wovenfab.study.cluster import Cluster
 
-    sys.exit(fit_all(files, output, Cluster(cluster, jobs, ranks)))
+    sys.exit(fit_all(files, output, Cluster(cluster, jobs, ranks), leave_out))
 
 
 @app.command()

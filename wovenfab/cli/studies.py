@@ -121,9 +121,9 @@ def differentiate(
     from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
     from wovenfab.study.fit.prediction import (
+        fitted_case,
         in_words,
         measured_beside,
-        prediction,
         read_fitted,
         with_band,
     )
@@ -140,7 +140,7 @@ def differentiate(
         console.problem(f"{options} are of the file of --lab")
         return BAD_INPUT
     measured = read_measured(lab, layout) if lab else None
-    predicted = prediction(case, read_fitted(fit)) if fit else None
+    predicted = fitted_case(case, read_fitted(fit)) if fit else None
     if predicted:
         case, targets = predicted.case, [*predicted.targets.values()]
         for line in predicted.replaced:
@@ -266,30 +266,40 @@ def _varied(
 
 if TYPE_CHECKING:
     from wovenfab.study.fit.fit_file import Fit
-    from wovenfab.study.fit.identifiability import Identifiability
+    from wovenfab.study.fit.leave_out import FittedModel, Prediction
     from wovenfab.study.fit.objective import FitTrial
     from wovenfab.study.fit.search import Found
 
+#: Last part of the name of the folder in which several fits are compared.
+MODELS = "models"
 
-def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int:
-    """Find the parameters that fit files ask for, compare several; return the exit code."""
+
+def fit_all(
+    paths: Sequence[Path], output: Path | None, cluster: Cluster, leave_out: bool = False
+) -> int:
+    """Find the parameters that fit files ask for, compare several; return the exit code.
+
+    With ``leave_out`` each test is predicted by a fit to all others, too.
+    """
     console = Console()
     if is_launched():
         console.problem("fit starts its own processes: start it without mpirun, with --jobs")
         return BAD_INPUT
+    from wovenfab.report.models import PAGE, write_models_page
     from wovenfab.study.fit.fit_file import read_fit
-    from wovenfab.study.fit.identifiability import models_compared
+    from wovenfab.study.fit.leave_out import models_compared
     from wovenfab.study.fit.response import BranchError, TrialError
+    from wovenfab.study.fit.result import write_models
 
     configure_log(0, None, console.log, first_rank=True)
-    fits = [read_fit(path) for path in paths]
-    known = {}
+    fits = [read_fit(path, leave_out) for path in paths]
+    models = {}
     for fit in fits:
         directory = output or Path("results") / fit.name
         if output and len(fits) > 1:
             directory = output / fit.name
         try:
-            known[fit.name] = _fit(console, fit, directory, cluster)
+            models[fit.name] = _fit(console, fit, directory, cluster, leave_out)
         except (TrialError, BranchError) as failure:
             console.problem(str(failure))
             return FAILED_STEP if isinstance(failure, TrialError) else BAD_INPUT
@@ -297,17 +307,26 @@ def fit_all(paths: Sequence[Path], output: Path | None, cluster: Cluster) -> int
             there = f"{directory} has what is done"
             console.problem(f"interrupted; to go on, repeat the command ({there})")
             return INTERRUPTED
-    if len(known) > 1:
-        console.say("\n".join(["", *models_compared(known)]))
+    if len(models) > 1:
+        directory = output or Path("results") / f"{fits[0].name}-{MODELS}"
+        notes = models_compared(models)
+        write_models(models, notes, directory)
+        write_models_page(models, notes, directory / PAGE)
+        console.say("\n".join(["", *notes, "", f"comparison: {directory}"]))
     return 0
 
 
-def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Identifiability:
+def _fit(
+    console: Console, fit: Fit, directory: Path, cluster: Cluster, leave_out: bool
+) -> FittedModel:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
+    from wovenfab.study.fit.clouds import in_words as of_field
     from wovenfab.study.fit.figures import in_words as of_figures
-    from wovenfab.study.fit.fit_file import FigureTest, MeasuredTest
+    from wovenfab.study.fit.fit_file import FieldTest, FigureTest, MeasuredTest
     from wovenfab.study.fit.identifiability import in_words, knowledge
+    from wovenfab.study.fit.leave_out import FittedModel
+    from wovenfab.study.fit.leave_out import in_words as of_predictions
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
     from wovenfab.study.fit.search import profile, search_with_slack
@@ -316,7 +335,9 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
 
     curves = [curve for test in fit.tests for curve in test.specimens]
     figures = sum(len(t.figures) for t in fit.tests if isinstance(t, FigureTest))
-    what = [(len(curves), "measured curve"), (figures, "figure"), (len(fit.unknowns), "parameter")]
+    fields = sum(isinstance(t, FieldTest) for t in fit.tests)
+    what = [(len(curves), "measured curve"), (figures, "figure"), (fields, "measured field")]
+    what.append((len(fit.unknowns), "parameter"))
     console.say(f"{fit.name}: {', '.join(counted(n, name) for n, name in what if n)}")
     for curve in curves:
         if curve.reading is not None:
@@ -339,37 +360,58 @@ def _fit(console: Console, fit: Fit, directory: Path, cluster: Cluster) -> Ident
             if name in halves
         ]
         specimens = specimen_values(objective, fit, found)
+    predictions = _left_out(console, fit, place, cluster) if leave_out else ()
     beyond = [
         f"{test.name}: {comparison.left_out}."
         for test, comparison in zip(fit.tests, e.comparisons, strict=True)
         if comparison.left_out
     ]
-    pairs = zip(fit.tests, e.comparisons, strict=True)
+    pairs = list(zip(fit.tests, e.comparisons, strict=True))
+    fields_met = [of_field(t, c) for t, c in pairs if isinstance(t, FieldTest)]
     figures_met = [line for t, c in pairs if isinstance(t, FigureTest) for line in of_figures(t, c)]
     notes = [
         *_headlines(fit, found),
         *beyond,
         *figures_met,
+        *fields_met,
         *in_words(known, fit),
         *map(str, profiles),
     ]
     notes += of_specimens(specimens, fit)
-    write_result(fit, found, known, profiles, specimens, notes, directory)
+    if predictions:
+        notes += of_predictions(predictions)
+    write_result(fit, found, known, profiles, specimens, notes, directory, predictions)
     draw_fit(fit, found, known, directory / PICTURE)
-    write_fit_page(fit, found, known, profiles, notes, directory / PAGE)
+    write_fit_page(fit, found, known, profiles, notes, directory / PAGE, predictions)
     for i in known.intervals:
         interval = f"95 %: {i.low:.4g} to {i.high:.4g}" if i.determined else "not determined"
         console.say(f"  {i.name:28s} {i.value:.5g} {i.unit}  ({interval})")
     console.say("\n".join(["", *notes, "", f"page, picture and fitted case: {directory}"]))
-    return known
+    return FittedModel(fit, known, predictions)
+
+
+def _left_out(console: Console, fit: Fit, place: Path, cluster: Cluster) -> tuple[Prediction, ...]:
+    """Return each experiment of a fit as a fit to all others predicts it."""
+    from wovenfab.study.fit.fit_file import experiments
+    from wovenfab.study.fit.leave_out import predicted
+
+    predictions = []
+    for tests in experiments(fit.tests):
+        left = ", ".join(fit.tests[number].name for number in tests)
+        with console:
+            console.say(f"without {left}:")
+            predictions.append(predicted(fit, tests, place, cluster, _reporter(console, fit)))
+    return tuple(predictions)
 
 
 def _headlines(fit: Fit, found: Found) -> list[str]:
-    from wovenfab.study.fit.fit_file import FigureTest
+    from wovenfab.study.fit.fit_file import FieldTest, FigureTest
 
     misfit, spent = found.evaluation.misfit, sum(t.seconds for t in found.trials)
     followed = f"The curves are followed within {100 * misfit:.2f} % of their largest force"
-    if all(isinstance(test, FigureTest) for test in fit.tests):
+    if all(isinstance(test, FieldTest) for test in fit.tests):
+        followed = f"Displacements are followed within {100 * misfit:.2f} % of their largest"
+    elif all(isinstance(test, FigureTest | FieldTest) for test in fit.tests):
         followed = f"The figures are met within {100 * misfit:.2f} %"
     fine = [t for t in found.trials if not t.coarse]
     if isfinite(found.error):

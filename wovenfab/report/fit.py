@@ -15,6 +15,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from wovenfab.measured.curve import Measured
 from wovenfab.record.figures import laboratory
 from wovenfab.record.results import this_process
+from wovenfab.report.models import left_out
 from wovenfab.report.page_blocks import Block, PageSection, PageTable, picture, section, write_page
 from wovenfab.report.run_data import RunData
 from wovenfab.report.style import (
@@ -22,14 +23,16 @@ from wovenfab.report.style import (
     QUIET,
     WIDTH,
     both_ways,
+    fill,
     house_style,
     quantity,
     readable,
     save,
     zero_line,
 )
-from wovenfab.study.fit.fit_file import FigureTest, Fit, MeasuredTest
+from wovenfab.study.fit.fit_file import FieldTest, FigureTest, Fit, MeasuredTest
 from wovenfab.study.fit.identifiability import ConfidenceInterval, Identifiability
+from wovenfab.study.fit.leave_out import Prediction
 from wovenfab.study.fit.objective import Evaluation
 from wovenfab.study.fit.response import BranchError, Comparison, compared, curve_of_history
 from wovenfab.study.fit.search import Found, Profile
@@ -50,7 +53,10 @@ def draw_fit(fit: Fit, found: Found, known: Identifiability, path: Path) -> Path
             draw_curves(upper, fit, found.evaluation)
             draw_distances(lower, fit, found.evaluation)
         else:
-            draw_figures(upper, fit, found.evaluation)
+            if _figures(fit, found.evaluation):
+                draw_figures(upper, fit, found.evaluation)
+            else:
+                draw_field(upper, *_fields(fit, found.evaluation)[0])
             lower.set_visible(False)
         draw_intervals(right, known.intervals)
         draw_trials(last, found)
@@ -64,12 +70,15 @@ def write_fit_page(
     profiles: Sequence[Profile],
     notes: Sequence[str],
     path: Path,
+    predictions: Sequence[Prediction] = (),
 ) -> Path:
     """Write the page of a fit; return its path."""
     figures = [(i.name, _shown(i.value, i.unit)) for i in known.intervals]
     sections = _sections(fit, found, known)
     if profiles:
         sections.insert(-2, section("Profiles", lambda: [_profiles(fit, profiles)]))
+    if predictions:
+        sections.insert(-1, left_out(fit, {fit.name: predictions}))
     return write_page(path, fit.title or fit.name, notes, figures, sections, this_process())
 
 
@@ -148,8 +157,16 @@ def _sections(fit: Fit, found: Found, known: Identifiability) -> list[PageSectio
         figure = drawn(0.7 * WIDTH, 0.35 * WIDTH, draw_trials, found)
         return [picture(figure, "Misfit of each trial"), trial_table(fit, found)]
 
+    def fields() -> list[Block]:
+        pairs = _fields(fit, found.evaluation)
+        figure = Figure(figsize=(WIDTH, 0.5 * WIDTH))
+        for axes, pair in zip(figure.subplots(1, len(pairs), squeeze=False)[0], pairs, strict=True):
+            draw_field(axes, *pair)
+        return [picture(figure, "Measured points at rest, coloured by the distance")]
+
     measured = [section("Curves", curves)] if _curves(fit, found.evaluation) else []
     measured += [section("Figures", figures)] if _figures(fit, found.evaluation) else []
+    measured += [section("Fields", fields)] if _fields(fit, found.evaluation) else []
     return [
         *measured,
         section("Parameters", parameters),
@@ -217,6 +234,21 @@ def draw_figures(axes: Axes, fit: Fit, evaluation: Evaluation) -> None:
     axes.set_xlabel("figure over the measured one, with its error")
 
 
+def draw_field(axes: Axes, test: FieldTest, comparison: Comparison) -> None:
+    """Draw the points of a measured field at rest, coloured by the distance of displacements."""
+    on = comparison.resolved.reshape(-1, 2)[:, 0]
+    apart = (comparison.computed - comparison.measured).reshape(-1, 2)[on]
+    sizes = np.linalg.norm(apart, axis=1)
+    unit = readable("m", float(sizes.max(initial=0.0)))
+    x, y = 1e3 * test.points[on].T
+    dots = axes.scatter(x, y, s=9, c=unit.factor * sizes, cmap=fill(), linewidths=0)
+    axes.figure.colorbar(dots, ax=axes, shrink=0.8, label=f"distance ({unit.name})")
+    axes.set_title(f"{test.name}, {1e3 * test.at:.4g} mm", fontsize=8)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (mm)")
+    axes.set_ylabel("y (mm)")
+
+
 def figure_table(test: FigureTest, comparison: Comparison) -> PageTable:
     """Return the table of the figures of a test: measured, fitted and error."""
     rows = []
@@ -240,6 +272,12 @@ def _figures(fit: Fit, evaluation: Evaluation) -> list[tuple[FigureTest, Compari
     """Return the tests of a fit with measured figures, each with its comparison."""
     pairs = zip(fit.tests, evaluation.comparisons, strict=True)
     return [(test, c) for test, c in pairs if isinstance(test, FigureTest)]
+
+
+def _fields(fit: Fit, evaluation: Evaluation) -> list[tuple[FieldTest, Comparison]]:
+    """Return the measured fields of a fit, each with its comparison."""
+    pairs = zip(fit.tests, evaluation.comparisons, strict=True)
+    return [(test, c) for test, c in pairs if isinstance(test, FieldTest)]
 
 
 def draw_intervals(axes: Axes, intervals: Sequence[ConfidenceInterval]) -> None:

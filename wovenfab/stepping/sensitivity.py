@@ -97,6 +97,11 @@ class TangentLinear:
         self.derivatives = Derivatives(zero, zero)
         self._b, self._x = (problem.residual.duplicate() for _ in range(2))
 
+    @property
+    def state(self) -> Array:
+        """Derivatives of the last accepted state, with ghosts, shape (parameters, unknowns)."""
+        return self._states[0]
+
     def begin(self, at_rest: bool, virtual: Array) -> None:
         """Differentiate the state that the program starts from; collective.
 

@@ -94,6 +94,17 @@ class TimeStepper:
         """Whether the error of steps in time is measured."""
         return self._time_error is not None
 
+    @property
+    def state_derivatives(self) -> Array:
+        """Derivatives of the last accepted state, with ghosts, shape (parameters, unknowns).
+
+        There are no rows unless steps are differentiated.
+        """
+        if self._tangent_linear is None:
+            none: Array = self._problem.model.field.x.array[None][:0]
+            return none
+        return self._tangent_linear.state
+
     def start_from(self, guess: Callable[[float], Array | None]) -> None:
         """Start the solve of steps at a guess instead of the extrapolated state.
 

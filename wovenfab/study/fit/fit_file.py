@@ -6,6 +6,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from hashlib import sha256
+from itertools import pairwise
 from math import inf, isfinite
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -21,6 +23,7 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import PydanticCustomError
+from scipy.optimize import brentq
 
 from wovenfab.case import Case, CaseError, read_case, units
 from wovenfab.case.document import Document, existing_file, folder_of, read_document
@@ -33,10 +36,13 @@ from wovenfab.case.errors import (
     reason,
     value_error,
 )
+from wovenfab.case.fingerprint import fingerprint
 from wovenfab.case.formula import Expression, coefficients, with_change, with_coefficient
+from wovenfab.case.program import program_of_case
 from wovenfab.case.quantities import Count, Length, Quantity, Section, Several
 from wovenfab.case.specimen import shear_test_of, standard_tests_of
 from wovenfab.forms.effect import Target
+from wovenfab.measured.cloud import read_cloud
 from wovenfab.measured.correction import Correction, corrected
 from wovenfab.measured.curve import Measured, read_measured
 from wovenfab.measured.layout import Layout, rows_of
@@ -44,6 +50,7 @@ from wovenfab.measured.replicates import Replicates, replicates_of
 from wovenfab.measured.thinning import Thinning, thinned
 from wovenfab.measured.workbook import SUFFIXES
 from wovenfab.record.figures import PURE, StandardTest, figures_at_rest
+from wovenfab.study.response import with_extra_times
 
 Array = NDArray[np.float64]
 #: What the names of parameters of the testing machine begin with.
@@ -172,8 +179,31 @@ def _figure_spec(value: Any) -> Any:
     return {"value": value} if isinstance(value, str | int | float) else value
 
 
+class FieldSpec(Section):
+    """A measured field of displacements, as digital image correlation gives it."""
+
+    file: _text_file(*MEASURED) = Field(examples=["dic-20mm.csv"])  # type: ignore[valid-type]
+    """Its cloud of points: columns x, y, ux and uy, in the sheet's coordinates at rest."""
+
+    at: Length = Field(examples=["20 mm"])
+    """Displacement of the program at which it was taken, on the first way there."""
+
+    error: Annotated[float, Quantity(unit="m", above=0.0)] = Field(examples=["0.05 mm"])
+    """Standard error of each component of a displacement."""
+
+    subset: Annotated[float, Quantity(unit="m", least=0.0)] = Field(default=0.0, examples=["3 mm"])
+    """Side of the squares that the correlation compares: the points of one square count as one, for
+    their errors are not independent. Unless given, each point counts alone."""
+
+    columns: Mapping[str, str | int] = Field(default={}, examples=[{"ux": "U [mm]"}])
+    """Names or numbers (from 1) of columns, by x, y, ux, uy, where the header does not tell."""
+
+    units: Mapping[str, str] = Field(default={}, examples=[{"x": "mm"}])
+    """Their units, where the header does not tell."""
+
+
 class Test(Section):
-    """A test: the case that describes it, and what was measured: a curve or figures."""
+    """A test: the case that describes it, and what was measured: a curve, figures, fields."""
 
     case: _text_file(".yaml", ".yml") = Field(examples=["sample.yaml"])  # type: ignore[valid-type]
     """The case file."""
@@ -194,6 +224,13 @@ class Test(Section):
     )
     """Measured figures of the standard test that the case names in its own ``figures``, in place of
     a measured file."""
+
+    fields: tuple[FieldSpec, ...] = Field(
+        default=(),
+        min_length=1,
+        examples=[[{"file": "dic-20mm.csv", "at": "20 mm", "error": "0.05 mm"}]],
+    )
+    """Measured fields of displacements, beside a measured file or figures, or alone."""
 
     columns: Columns = Columns()
     """Its columns."""
@@ -239,9 +276,9 @@ class Test(Section):
 
     @model_validator(mode="after")
     def _one_of_both(self) -> Test:
-        if bool(self.measured) == bool(self.figures):
+        if (self.measured and self.figures) or not (self.measured or self.figures or self.fields):
             remedy = "Two tests of the list may have the same case, which is run once."
-            raise value_error("a test has a file 'measured' or 'figures'", remedy)
+            raise value_error("a test has a file 'measured', or 'figures', or 'fields'", remedy)
         if self.figures and not self.error[1]:
             raise value_error("the error of figures is a share of each", "For example '1 %'.")
         return self
@@ -334,6 +371,8 @@ class MeasuredTest:
     toe: float
     thinning: Thinning | None = None
 
+    share: ClassVar[float] = 1.0
+
     @property
     def name(self) -> str:
         """Name of its file."""
@@ -401,6 +440,7 @@ class FigureTest:
     figures: tuple[MeasuredFigure, ...]
     weight: float
     specimens: ClassVar[tuple[Measured, ...]] = ()
+    share: ClassVar[float] = 1.0
 
     @property
     def name(self) -> str:
@@ -420,6 +460,67 @@ class FigureTest:
 
 
 @dataclass(frozen=True)
+class FieldTest:
+    """A measured field of displacements, as it is fitted.
+
+    Attributes:
+        case: Its case, a step of which ends at ``time``.
+        file: Where it is from.
+        points: Reference positions, shape (n, 2), m.
+        displacements: Measured there, shape (n, 2), m.
+        at: Displacement of the program, m.
+        time: When the program first reaches it, s.
+        error: Standard error of each component, m.
+        subset: Side of the squares whose points count as one, m; zero if all count.
+        weight: Its weight.
+    """
+
+    case: Case
+    file: Path
+    points: Array
+    displacements: Array
+    at: float
+    time: float
+    error: float
+    subset: float
+    weight: float
+    specimens: ClassVar[tuple[Measured, ...]] = ()
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return self.file.name
+
+    @property
+    def errors(self) -> Array:
+        """Standard error of each component of each point, m, shape (2n,)."""
+        return np.full(2 * len(self.points), self.error)
+
+    @property
+    def factors(self) -> Array:
+        """What makes a residual of the distance of a component, 1/m, shape (2n,)."""
+        factors: Array = np.sqrt(self.weight) / self.errors
+        return factors
+
+    @cached_property
+    def share(self) -> float:
+        """Number of squares that hold a point over that of points: the part that is independent."""
+        if not self.subset:
+            return 1.0
+        squares = np.floor((self.points - self.points.min(axis=0)) / self.subset)
+        return len(np.unique(squares, axis=0)) / len(self.points)
+
+    @cached_property
+    def key(self) -> str:
+        """What its computed field depends on, beside the case."""
+        return sha256(self.points.tobytes() + repr(self.time).encode()).hexdigest()[:16]
+
+
+#: What is fitted.
+FittedTest = MeasuredTest | FigureTest | FieldTest
+
+
+@dataclass(frozen=True)
 class Fit:
     """A fit that can be made.
 
@@ -434,14 +535,18 @@ class Fit:
 
     title: str
     name: str
-    tests: tuple[MeasuredTest | FigureTest, ...]
+    tests: tuple[FittedTest, ...]
     unknowns: tuple[FitParameter, ...]
     refine: bool = True
     profiles: tuple[str, ...] = ()
 
 
-def read_fit(path: Path) -> Fit:
+def read_fit(path: Path, leave_out: bool = False) -> Fit:
     """Return what a fit file asks for.
+
+    Args:
+        path: The file.
+        leave_out: Whether each experiment is to be left out: there must be several.
 
     Raises:
         CaseError: With everything that is wrong in it, in its cases or measured files.
@@ -451,7 +556,13 @@ def read_fit(path: Path) -> Fit:
         given = FitFile.model_validate(document.data, context={"folder": path.parent})
     except ValidationError as error:
         raise CaseError(problems_in(error, document, FitFile.model_json_schema())) from error
-    tests = tuple(_test(test, document, number) for number, test in enumerate(given.tests))
+    # Each with the number of its test in the file: fields are tests of their own.
+    numbered = [
+        (number, one)
+        for number, test in enumerate(given.tests)
+        for one in _tests(test, document, number)
+    ]
+    tests = tuple(one for _, one in numbered)
     problems: list[CaseProblem] = [
         test.case.problem("accuracy", "a fit chooses cells and steps itself", "Leave it out.")
         for test in tests
@@ -470,7 +581,7 @@ def read_fit(path: Path) -> Fit:
     ]
     unknowns = [_keeping_ratio(unknown, tests) for unknown in unknowns]
     for unknown in unknowns:
-        for number, test in enumerate(tests):
+        for number, test in numbered:
             if unknown.target and unknown.target.effect not in test.case.effects:
                 message = f"the case of tests.{number} has no effect {unknown.target.effect!r}"
                 problems.append(document.problem(("parameters", unknown.name), message))
@@ -481,19 +592,69 @@ def read_fit(path: Path) -> Fit:
                     message, remedy = reason(error)
                     message = f"in the case of tests.{number} {message}"
                     problems.append(document.problem(("parameters", unknown.name), message, remedy))
+    if leave_out and len(experiments(tests)) == 1:
+        message = "there is one experiment: without it nothing is left to be fitted"
+        remedy = "Add a test of another size, kind or rate, or fit without --leave-out."
+        problems.append(document.problem(("tests",), message, remedy))
     if problems:
         raise CaseError(problems)
     return Fit(given.title, path.stem, tests, tuple(unknowns), given.refine, given.profiles)
 
 
-def _test(test: Test, document: Document, number: int) -> MeasuredTest | FigureTest:
-    """Return a test as it is fitted; ``number`` is its place in the fit file.
+def experiments(tests: Sequence[FittedTest]) -> tuple[tuple[int, ...], ...]:
+    """Return the numbers, from 0, of the tests of each experiment: those of one case are one."""
+    numbers: dict[str, list[int]] = {}
+    for number, test in enumerate(tests):
+        numbers.setdefault(fingerprint(test.case), []).append(number)
+    return tuple(map(tuple, numbers.values()))
+
+
+def _tests(test: Test, document: Document, number: int) -> tuple[FittedTest, ...]:
+    """Return a test as it is fitted, and its fields; ``number`` is its place in the fit file.
 
     Raises:
-        CaseError: With everything that is wrong in its case, measured file or figures.
+        CaseError: With everything that is wrong in its case, measured files or figures.
     """
     case = read_case(test.case, dict(test.set), test.fabric)
-    return _figure_test(test, case, document, number) if test.figures else _curve_test(test, case)
+    times, problems = [], []
+    for k, one in enumerate(test.fields):
+        try:
+            times.append(_time_at(one.at, case))
+        except PydanticCustomError as error:
+            path = ("tests", number, "fields", k, "at")
+            problems.append(document.problem(path, *reason(error)))
+    if problems:
+        raise CaseError(problems)
+    case = with_extra_times(case, sorted({*case.time.extra_times, *times})) if times else case
+    tests: list[FittedTest] = []
+    if test.figures:
+        tests.append(_figure_test(test, case, document, number))
+    elif test.measured:
+        tests.append(_curve_test(test, case))
+    for one, time in zip(test.fields, times, strict=True):
+        cloud = read_cloud(one.file, Layout(one.columns, one.units))
+        place = (one.at, time, one.error, one.subset, test.weight)
+        tests.append(FieldTest(case, one.file, cloud.points, cloud.displacements, *place))
+    return tuple(tests)
+
+
+def _time_at(displacement: float, case: Case) -> float:
+    """Return the time (s) at which the program of a case first reaches a displacement (m).
+
+    Raises:
+        PydanticCustomError: With message and remedy.
+    """
+    program = program_of_case(case)
+    if program.changes:
+        raise value_error("a field at a displacement needs a program of displacements")
+    for before, after in pairwise(program.milestones):
+        if min(before.value, after.value) <= displacement <= max(before.value, after.value):
+            found = brentq(lambda time: program.value(time) - displacement, before.time, after.time)
+            if found > 0:
+                return float(found)
+    values = [1e3 * milestone.value for milestone in program.milestones]
+    remedy = f"It moves from {min(values):.4g} to {max(values):.4g} mm."
+    raise value_error(f"the program does not reach {1e3 * displacement:.4g} mm", remedy)
 
 
 def _figure_test(test: Test, case: Case, document: Document, number: int) -> FigureTest:
@@ -589,9 +750,7 @@ def _unknown(name: str, sought: ParameterSpec, case: Case) -> FitParameter:
     return FitParameter(name, unit, target, start, scaled, (low, high), by_factors)
 
 
-def _keeping_ratio(
-    unknown: FitParameter, tests: Sequence[MeasuredTest | FigureTest]
-) -> FitParameter:
+def _keeping_ratio(unknown: FitParameter, tests: Sequence[FittedTest]) -> FitParameter:
     """Return an unknown by a common factor if it stands for both families of an unequal pair."""
     if (target := unknown.target) is None or target.coefficient or len(target.families) == 1:
         return unknown

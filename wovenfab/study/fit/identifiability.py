@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from wovenfab.case.specimen import bias_extension_of
-from wovenfab.study.fit.fit_file import FigureTest, Fit, FitParameter, MeasuredTest
+from wovenfab.study.fit.fit_file import Fit, FitParameter, FittedTest, MeasuredTest
 from wovenfab.study.fit.objective import weights
 from wovenfab.study.fit.response import Comparison
 
@@ -89,7 +89,7 @@ class JointUncertainty:
 
 @dataclass(frozen=True)
 class Fidelity:
-    """How well the model follows one curve; of figures there is the misfit alone.
+    """How well the model follows one curve; of figures and fields there is the misfit alone.
 
     Attributes:
         misfit: Root mean square of the distances over the largest measured force.
@@ -233,8 +233,8 @@ def _interval(
     return ConfidenceInterval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
-def _fidelity(test: MeasuredTest | FigureTest, comparison: Comparison) -> Fidelity:
-    if isinstance(test, FigureTest):
+def _fidelity(test: FittedTest, comparison: Comparison) -> Fidelity:
+    if not isinstance(test, MeasuredTest):
         return Fidelity(comparison.misfit)
     counted = comparison.resolved
     measured, rows = comparison.measured[counted], comparison.rows[counted]
@@ -296,34 +296,12 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
                 "ratio to it as in the case."
             )
     for test, count in zip(fit.tests, known.unresolved, strict=True):
-        if count:
+        if count and isinstance(test, MeasuredTest):
             lines.append(
                 f"{test.name}: {count} rows lie in steps in which friction reverses; "
                 "they tell only within such a step where that is. Smaller steps resolve more."
             )
-    for i in known.intervals:
-        if i.at_bound:
-            lines.append(
-                f"{i.name} is at its {i.at_bound} bound ({i.value:.4g} {i.unit}): the curves ask "
-                "for more, or it has no effect."
-            )
-        elif not i.determined and i.high > 1e6 * i.value:
-            lines.append(f"The curves do not depend on {i.name}.")
-        elif not i.determined:
-            lines.append(
-                f"The curves do not determine {i.name}: {i.low:.3g} to {i.high:.3g} {i.unit} fit "
-                "as well. A test in which it does more work would."
-            )
-    names = [u.name for u in fit.unknowns]
-    for a in range(len(names)):
-        for b in range(a):
-            r = float(known.correlations[a, b])
-            if abs(r) > CORRELATED:
-                lines.append(
-                    f"{names[b]} and {names[a]} are determined only together (correlation "
-                    f"{r:+.2f}): one may be larger if the other is "
-                    f"{'larger' if r > 0 else 'smaller'}."
-                )
+    lines += unknown_in_words(known)
     for test, f in zip(fit.tests, known.fidelity, strict=True):
         angle = "" if f.angle is None else f" (shear angle {np.degrees(f.angle):.0f} degrees)"
         if f.part_at is not None:
@@ -343,23 +321,30 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
     return lines
 
 
-def models_compared(known: Mapping[str, Identifiability]) -> list[str]:
-    """Return lines that compare fits to the same curves, by their names."""
-    width = max(map(len, known))
-    lines = [f"{'':{width}}  parameters  determined  misfit  BIC"]
-    for name, k in known.items():
-        misfit = float(np.sqrt(np.mean([f.misfit**2 for f in k.fidelity])))
-        sure = sum(i.determined for i in k.intervals)
-        lines.append(
-            f"{name:{width}}  {len(k.intervals):10d}  {sure:10d}  {100 * misfit:5.2f} %"
-            f"  {k.bic:.1f}"
-        )
-    if len({k.points for k in known.values()}) > 1:
-        return [*lines, "They compare different numbers of points: their BIC say nothing."]
-    best, second = sorted(known, key=lambda name: known[name].bic)[:2]
-    lead = known[second].bic - known[best].bic
-    strength = "strong" if lead > 6 else "weak"  # Kass and Raftery, doi:10.2307/2291091
-    return [
-        *lines,
-        f"{best} has the smallest BIC, by {lead:.1f}: a {strength} reason to prefer it.",
-    ]
+def unknown_in_words(known: Identifiability) -> list[str]:
+    """Return sentences on the parameters that the curves do not determine, or only together."""
+    lines = []
+    for i in known.intervals:
+        if i.at_bound:
+            lines.append(
+                f"{i.name} is at its {i.at_bound} bound ({i.value:.4g} {i.unit}): the curves ask "
+                "for more, or it has no effect."
+            )
+        elif not i.determined and i.high > 1e6 * i.value:
+            lines.append(f"The curves do not depend on {i.name}.")
+        elif not i.determined:
+            lines.append(
+                f"The curves do not determine {i.name}: {i.low:.3g} to {i.high:.3g} {i.unit} fit "
+                "as well. A test in which it does more work would."
+            )
+    names = [i.name for i in known.intervals]
+    for a in range(len(names)):
+        for b in range(a):
+            r = float(known.correlations[a, b])
+            if abs(r) > CORRELATED:
+                lines.append(
+                    f"{names[b]} and {names[a]} are determined only together (correlation "
+                    f"{r:+.2f}): one may be larger if the other is "
+                    f"{'larger' if r > 0 else 'smaller'}."
+                )
+    return lines

@@ -6,9 +6,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
-from itertools import repeat
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -21,10 +20,12 @@ from wovenfab.case.fingerprint import fingerprint
 from wovenfab.forms.effect import Target
 from wovenfab.parallel import end_with_parent
 from wovenfab.study.cluster import Cluster
+from wovenfab.study.fit.clouds import field_compared
 from wovenfab.study.fit.figures import figures_compared
-from wovenfab.study.fit.fit_file import FigureTest, Fit, with_values
+from wovenfab.study.fit.fit_file import FieldTest, FigureTest, Fit, FittedTest, with_values
 from wovenfab.study.fit.response import (
     Comparison,
+    Place,
     ResponseCurve,
     TrialError,
     command,
@@ -87,7 +88,13 @@ class Evaluation:
     def misfit(self) -> float:
         """Root mean square of the distances over the largest force of the test, or the figure."""
         shares = np.concatenate([c.shares for c in self.comparisons])
-        return float(np.sqrt(np.mean(shares[self.resolved] ** 2)))
+        return float(np.sqrt(np.mean(shares[self.counted] ** 2)))
+
+    @property
+    def counted(self) -> NDArray[np.bool_]:
+        """Rows that the misfit counts: resolved ones of curves and figures; else of fields."""
+        of_field = np.concatenate([np.full(c.rows.size, c.of_field) for c in self.comparisons])
+        return np.asarray(self.resolved & (~of_field | of_field.all()))
 
     @property
     def resolved(self) -> NDArray[np.bool_]:
@@ -130,9 +137,35 @@ class Correction:
 
 
 def weights(fit: Fit, comparisons: Sequence[Comparison]) -> Array:
-    """Return the error of a force over that with what steps do not resolve, by row, shape (n,)."""
-    pairs = [(t.errors[c.rows], c) for t, c in zip(fit.tests, comparisons, strict=True)]
-    return np.concatenate([errors / np.hypot(errors, c.unresolved) for errors, c in pairs])
+    """Return the error of a force over that with what steps do not resolve, by row, shape (n,).
+
+    Points of a field whose errors are not independent weigh less.
+    """
+    parts = []
+    for test, c in zip(fit.tests, comparisons, strict=True):
+        errors = test.errors[c.rows]
+        parts.append(np.sqrt(test.share) * errors / np.hypot(errors, c.unresolved))
+    return np.concatenate(parts)
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is computed for one or more tests.
+
+    Attributes:
+        case: The case.
+        targets: The material parameters by which it is differentiated.
+        places: Where and when displacements are wanted, by the key of a field.
+    """
+
+    case: Case
+    targets: Sequence[Target]
+    places: Mapping[str, Place]
+
+    @property
+    def suffix(self) -> str:
+        """What its result depends on beside the case and the parameters."""
+        return "".join(f"-{key}" for key in sorted(self.places))
 
 
 class Objective:
@@ -221,8 +254,10 @@ class Objective:
         targets = [(values[u.name], u.target) for u in fit.unknowns if u.target]
         factors = np.array([1 / value if t.relative else 1.0 for value, t in targets])
         for test, computed_curve in zip(fit.tests, curves, strict=True):
-            curve = replace(computed_curve, slopes=computed_curve.slopes * factors)
-            if isinstance(test, FigureTest):
+            curve = computed_curve.times(factors)
+            if isinstance(test, FieldTest):
+                c = field_compared(test, curve, fit.unknowns)
+            elif isinstance(test, FigureTest):
                 c = figures_compared(test, curve, fit.unknowns)
             else:
                 reference = self._reference
@@ -290,31 +325,44 @@ class Objective:
         except CaseError as error:  # a formula may have values that it cannot have
             raise TrialError(str(error)) from error
         by = sha256(" ".join(map(str, targets)).encode()).hexdigest()[:8]
-        marks = [f"{fingerprint(case)}-{by}" for case in cases]
+        runs = [
+            Run(case, targets, self._places(test))
+            for case, test in zip(cases, fit.tests, strict=True)
+        ]
+        marks = [f"{fingerprint(run.case)}-{by}{run.suffix}" for run in runs]
         stored = {mark: self._load(mark) for mark in marks}
         known = {mark: curve for mark, curve in stored.items() if curve is not None}
-        waiting = {mark: case for mark, case in zip(marks, cases, strict=True) if mark not in known}
-        fresh = self._fresh([*waiting.values()], targets)
+        waiting = {mark: run for mark, run in zip(marks, runs, strict=True) if mark not in known}
+        fresh = self._fresh([*waiting.values()])
         for mark, curve in zip(waiting, fresh, strict=True):
             self._store.save(mark, mark, curve.as_lists())
             known[mark] = curve
         return [known[mark] for mark in marks]
 
-    def _fresh(self, cases: Sequence[Case], targets: Sequence[Target]) -> Iterable[ResponseCurve]:
-        """Return the curves of cases, computed now."""
+    def _places(self, test: FittedTest) -> dict[str, Place]:
+        """Return where displacements of the case of a test are wanted, by any test of it."""
+        same = (t for t in self._fit.tests if isinstance(t, FieldTest) and t.case is test.case)
+        return {one.key: Place(one.time, one.points) for one in same}
+
+    def _fresh(self, runs: Sequence[Run]) -> Iterable[ResponseCurve]:
+        """Return the curves of runs, computed now."""
         if self._submit:  # a process each, on any machine
-            commands = [command(case, targets, self._ranks) for case in cases]
+            commands = [command(run.case, run.targets, run.places, self._ranks) for run in runs]
             return [curve_of(f.result()) for f in [*map(self._submit, commands)]]
         if not self._pool:
-            return (computed(case, targets) for case in cases)
+            return map(_computed, runs)
         try:  # processes that stay: most of the time of a short run would be its start
-            return [*self._pool.map(computed, cases, repeat(targets))]
+            return [*self._pool.map(_computed, runs)]
         except BrokenProcessPool:
             raise TrialError("the process of a run was killed, maybe for its memory") from None
 
     def _load(self, mark: str) -> ResponseCurve | None:
         data: Any = self._store.load(mark, mark)
         return None if data is None else ResponseCurve.of(data)
+
+
+def _computed(run: Run) -> ResponseCurve:
+    return computed(run.case, run.targets, run.places)
 
 
 def at_scale(case: Case, scale: float) -> Case:

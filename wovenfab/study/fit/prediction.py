@@ -65,7 +65,7 @@ class FittedValues:
 
 
 @dataclass(frozen=True)
-class Prediction:
+class FittedCase:
     """A case with the values of a fit.
 
     Attributes:
@@ -125,7 +125,7 @@ def read_fitted(path: Path) -> FittedValues:
     return FittedValues(file, values, bounds, known)
 
 
-def prediction(case: Case, fitted: FittedValues) -> Prediction:
+def fitted_case(case: Case, fitted: FittedValues) -> FittedCase:
     """Return a case with the values of a fit, and by what it is to be differentiated.
 
     Raises:
@@ -153,10 +153,10 @@ def prediction(case: Case, fitted: FittedValues) -> Prediction:
         message = "has parameters of the machine alone: nothing of it concerns another test"
         raise case_error(str(fitted.file), message)
     targets = {name: by_factor(target, changed) for name, target in targets.items()}
-    return Prediction(changed, fitted, targets, tuple(replaced))
+    return FittedCase(changed, fitted, targets, tuple(replaced))
 
 
-def with_band(columns: Mapping[str, Sequence[float]], made: Prediction) -> dict[str, list[float]]:
+def with_band(columns: Mapping[str, Sequence[float]], made: FittedCase) -> dict[str, list[float]]:
     """Return columns of sensitivities with the ends of the bands of 95 %.
 
     They are infinite where the case depends on what no curve of the fit tells.
@@ -191,7 +191,7 @@ def half_width(slopes: Array, values: Array, joint: JointUncertainty) -> Array:
     return np.where((np.abs(slopes @ joint.unseen.T) > limit).any(axis=1), np.inf, half)
 
 
-def in_words(columns: Mapping[str, Sequence[float]], made: Prediction) -> list[str]:
+def in_words(columns: Mapping[str, Sequence[float]], made: FittedCase) -> list[str]:
     """Return sentences on the band: its half at the largest force, of the energy, and its limits.
 
     Args:

@@ -14,8 +14,9 @@ from __future__ import annotations
 import json
 import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from itertools import pairwise
+from math import isclose
 from pathlib import Path
 from time import perf_counter
 from types import MappingProxyType
@@ -32,6 +33,8 @@ from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
 from wovenfab.measured.columns import said
 from wovenfab.measured.curve import Measured, reversed_force
+from wovenfab.model.model import Model, preserved
+from wovenfab.model.probes import PointFields, located
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -45,8 +48,23 @@ FEWEST = 3
 STEEP = 2.0
 #: File of a command that has the parameters by which the curve is differentiated.
 TARGETS = "targets.pickle"
+#: Relative difference of two times that are the same.
+SAME_TIME = 1e-9
 #: Iterations for the displacement of the sample behind a spring.
 ITERATIONS = 50
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where and when displacements are wanted.
+
+    Attributes:
+        time: At which a step of the program ends, s.
+        points: Reference positions, shape (n, 2), m.
+    """
+
+    time: float
+    points: Array
 
 
 @dataclass(frozen=True)
@@ -61,6 +79,9 @@ class ResponseCurve:
         turns: Rows at which the program reverses, first and last included.
         seconds: Wall time.
         straight: Whether the curve is straight between the steps, as pictures draw it.
+        fields: Displacements (m) and their derivatives by the material parameters at the points of
+            measured fields, by :attr:`~wovenfab.study.fit.fit_file.FieldTest.key`, shape (points,
+            2, 1 + parameters).
     """
 
     displacement: Array
@@ -70,52 +91,80 @@ class ResponseCurve:
     turns: tuple[int, ...]
     seconds: float
     straight: bool = False
+    fields: Mapping[str, Array] = field(default_factory=dict)
 
     @staticmethod
     def of(data: Mapping[str, Any]) -> ResponseCurve:
         """Return the curve of what :meth:`as_lists` gave."""
         names = "displacement", "force", "work", "slopes"
         u, f, work, slopes = (np.array(data[name]) for name in names)
-        return ResponseCurve(u, f, work, slopes, tuple(data["turns"]), data["seconds"])
+        fields = {key: np.array(values) for key, values in data.get("fields", {}).items()}
+        turns = tuple(data["turns"])
+        return ResponseCurve(u, f, work, slopes, turns, data["seconds"], fields=fields)
 
     def as_lists(self) -> dict[str, Any]:
         """Return it as JSON has it."""
-        return {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
+        fields = {key: values.tolist() for key, values in self.fields.items()}
+        own = {name: np.asarray(value).tolist() for name, value in asdict(self).items()}
+        return own | {"fields": fields}
+
+    def times(self, factors: Array) -> ResponseCurve:
+        """Return the curve with derivatives by other parameters: each multiplied by a factor."""
+        fields = {
+            key: np.concatenate([values[..., :1], values[..., 1:] * factors], axis=2)
+            for key, values in self.fields.items()
+        }
+        return replace(self, slopes=self.slopes * factors, fields=fields)
 
 
 class TrialError(Exception):
     """A trial whose run did not come to its end."""
 
 
-def computed(case: Case, targets: Sequence[Target]) -> ResponseCurve:
+def computed(
+    case: Case, targets: Sequence[Target], places: Mapping[str, Place] = MappingProxyType({})
+) -> ResponseCurve:
     """Return the curve of a case with its derivatives; collective.
 
     Args:
         case: The case.
         targets: The material parameters by which it is differentiated.
+        places: Where and when displacements are wanted, by the key of a field.
 
     Raises:
         TrialError: The run did not come to its end.
     """
     started = perf_counter()
     steps: list[Step] = []
+    fields: dict[str, Array] = {}
     try:
         with simulation_of(case, sheet_of(case, MPI.COMM_WORLD)) as simulation:
             if targets:
                 differentiate(simulation, case, targets, dissipation=False)
-            # Where a step was cut, others lie between: they would change the interpolation.
-            steps.extend(step for step in simulation.steps() if step.milestone is not None)
+            probes = {key: CloudProbe(simulation.model, p.points) for key, p in places.items()}
+            for step in simulation.steps():
+                # Where a step was cut, others lie between: they would change the interpolation.
+                if step.milestone is None:
+                    continue
+                steps.append(step)
+                slopes = simulation.stepper.state_derivatives
+                for key, place in places.items():
+                    if isclose(step.time, place.time, rel_tol=SAME_TIME):
+                        fields[key] = probes[key].values(slopes)
     except (CaseError, StepFailedError, StabilityLostError) as error:
         raise TrialError(str(error)) from error
     none = np.zeros(len(targets))
     rows = [s.derivatives.force if s.derivatives else none for s in steps]
     u, f, work = np.array([(s.displacement, s.force, s.work) for s in steps]).T
-    return ResponseCurve(u, f, work, np.array(rows), _turns(u), perf_counter() - started)
+    seconds = perf_counter() - started
+    return ResponseCurve(u, f, work, np.array(rows), _turns(u), seconds, fields=fields)
 
 
-def command(case: Case, targets: Sequence[Target], ranks: int) -> Command:
+def command(
+    case: Case, targets: Sequence[Target], places: Mapping[str, Place], ranks: int
+) -> Command:
     """Return the command that computes a curve in a process of its own, on several ranks."""
-    files = portable(case) | {TARGETS: pickle.dumps(list(targets))}
+    files = portable(case) | {TARGETS: pickle.dumps((list(targets), dict(places)))}
     return Command(["-m", "wovenfab.study.fit.response"], ranks, files=files)
 
 
@@ -133,6 +182,41 @@ def curve_of(ended: Ended) -> ResponseCurve:
     return ResponseCurve.of(result)
 
 
+class CloudProbe:
+    """Displacements of the present state at points, some of which may lie beside the sheet."""
+
+    def __init__(self, model: Model, points: Array) -> None:
+        """Locate points (m), shape (n, 2), and compile the evaluation; collective."""
+        *_, self._on = located(model.sheet, points)
+        self._model = model
+        self._fields = PointFields(model, points[self._on]) if self._on.any() else None
+
+    def values(self, derivatives: Array) -> Array:
+        """Return displacements and their derivatives, shape (n, 2, 1 + parameters); collective.
+
+        Args:
+            derivatives: Of the state by each parameter, with ghosts, shape (parameters, unknowns).
+
+        Returns:
+            They are NaN at points beside the sheet.
+        """
+        field, values = self._model.field, np.full((len(self._on), 2, 1 + len(derivatives)), np.nan)
+        if self._fields is None:
+            return values
+        columns = [_mean_displacement(self._fields)]
+        with preserved(field):
+            for direction in derivatives:
+                field.x.array[:] = direction
+                columns.append(_mean_displacement(self._fields))
+        values[self._on] = np.stack(columns, axis=2)
+        return values
+
+
+def _mean_displacement(fields: PointFields) -> Array:
+    """Return the mean over the families, shape (points, 2), m; collective."""
+    return np.asarray(np.mean([*fields.values().values()], axis=0))
+
+
 def _turns(displacement: Array) -> tuple[int, ...]:
     """Return where a displacement reverses, with first and last row."""
     signs = np.sign(np.diff(displacement))
@@ -143,17 +227,20 @@ def _turns(displacement: Array) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What was measured beside what is computed: forces (N) of a curve, or figures (SI units).
+    """What was measured beside what is computed: of a curve, of figures or of a field, SI units.
 
     Attributes:
-        rows: Rows of the measured curve, or figures, that count.
+        rows: Rows of the measured curve, figures, or components of displacements, that count.
         measured: Their forces or values.
         computed: The computed ones.
         slopes: Derivatives of these by all parameters, shape (rows, parameters).
-        unresolved: What the force may differ by where the steps do not resolve the curve, else 0.
-        size: What a distance is a share of: the largest measured force, or each measured figure.
+        unresolved: What the force may differ by where the steps do not resolve the curve, else 0;
+            infinite at points beside the sheet.
+        size: What a distance is a share of: the largest measured force, each measured figure, or
+            of a component the largest displacement over the root of two.
         beyond: Number of rows at displacements that the program does not reach.
         reach: Least and largest displacement of the program, m.
+        of_field: Whether it is that of displacements.
     """
 
     rows: NDArray[np.intp]
@@ -164,6 +251,7 @@ class Comparison:
     size: Array
     beyond: int = 0
     reach: tuple[float, float] = (0.0, 0.0)
+    of_field: bool = False
 
     @property
     def left_out(self) -> str:
@@ -401,8 +489,8 @@ def _rising(u: Array, *others: Array) -> tuple[Array, ...]:
 def main() -> None:
     """Compute the curve that :func:`command` asks for; print it on the first rank."""
     try:
-        targets = pickle.loads(Path(TARGETS).read_bytes())
-        result = computed(read_case(CASE), targets).as_lists()
+        targets, places = pickle.loads(Path(TARGETS).read_bytes())
+        result = computed(read_case(CASE), targets, places).as_lists()
     except TrialError as error:
         result = {"failure": str(error)}
     if MPI.COMM_WORLD.rank == 0:

@@ -135,6 +135,8 @@ def start_values(objective: Objective, fit: Fit) -> dict[str, float]:
         return values
     upper = lower = 0.0
     for test, c in zip(fit.tests, first.comparisons, strict=True):
+        if c.of_field:  # a field does not depend on the common size
+            continue
         weighted = np.where(c.resolved, c.computed / test.errors[c.rows] ** 2, 0.0)
         upper += float(weighted @ c.measured)
         lower += float(weighted @ c.computed)
@@ -153,7 +155,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
     else:
         values, coarse = dict(near), _tried(objective, near, COARSE)
     best, scale, region = _tried(objective, values, 1.0), 1.0, REGION[1]
-    error, shift = _error(fit, best, coarse)
+    error, shift = discretisation_error(fit, best, coarse)
     for _ in range(MOST_FINE):
         weights = best.weights(fit)
         correction = Correction(objective.scaled(values), best, coarse, weights)
@@ -161,7 +163,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
             if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
                 break
             scale, as_said, best = FINER, best, _tried(objective, values, FINER)
-            error, shift = _error(fit, as_said, coarse, best)
+            error, shift = discretisation_error(fit, as_said, coarse, best)
             continue
         other, beside = _minimised(objective, fit, values, region, correction)
         done = objective.attempt(other, scale)
@@ -170,7 +172,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
             continue
         values, best, coarse = other, done, beside
         if scale == 1:
-            error, shift = _error(fit, best, coarse)
+            error, shift = discretisation_error(fit, best, coarse)
     return Found(values, best, tuple(objective.trials), scale, converged, error, shift, correction)
 
 
@@ -373,7 +375,7 @@ def offset(residuals: Array, jacobian: Array) -> float:
     return float(np.sqrt((along @ along / p) / max(float(rest) / (n - p), 1e-300)))
 
 
-def _error(
+def discretisation_error(
     fit: Fit, as_said: Evaluation, coarse: Evaluation, finer: Evaluation | None = None
 ) -> tuple[float, Array]:
     """Return the estimated error by cells and steps, and by how much it moves scaled parameters.
@@ -391,19 +393,20 @@ def _error(
     """
     best = as_said if finer is None else finer
     rows = as_said.resolved & coarse.resolved & best.resolved
-    larger = _distance(as_said, coarse, rows)
+    counted = rows & as_said.counted
+    larger = _distance(as_said, coarse, counted)
     if not larger:
         return np.nan, np.zeros(best.jacobian.shape[1])
     if finer is None:
         less, factor = coarse, float(COARSE ** ORDERS[0] - 1)
     else:
-        change = larger / _distance(finer, as_said, rows)
+        change = larger / _distance(finer, as_said, counted)
         order = exponent(COUNTS, change, fastest=ORDERS[1], slowest=ORDERS[0])
         less, factor = as_said, float(FINER**-order - 1)
     weights = best.weights(fit)
     moved = np.where(rows, weights * (best.residuals - less.residuals) / factor, 0.0)
     shift = np.linalg.lstsq(weights[:, None] * best.jacobian, moved, rcond=1e-6)[0]
-    return _distance(best, less, rows) / factor, np.asarray(-shift)
+    return _distance(best, less, counted) / factor, np.asarray(-shift)
 
 
 def _distance(a: Evaluation, b: Evaluation, rows: NDArray[np.bool_]) -> float:
