@@ -15,6 +15,12 @@ def strains(point: Point, values: Values) -> tuple[Strain, ...]:
     return tuple(Strain(stretch(f), k) for f, k in zip(point.f, values["stiffness"], strict=True))
 
 
+def linear_stiffness(values: Values) -> tuple[Any, Any]:
+    """Return the stiffness (N/m) of each family, the same at all stretches."""
+    first, second = values["stiffness"]
+    return first, second
+
+
 def tabulated_strains(point: Point, values: Values) -> tuple[Strain, ...]:
     """Return the stretch of each family with its measured law.
 
@@ -47,7 +53,7 @@ EFFECT = Effect(
         ),
     ),
     strains=strains,
-    stretch_stiffness=lambda values: values["stiffness"],
+    stretch_stiffness=linear_stiffness,
     resists=frozenset({"stretching"}),
     law="linear",
     laws=(

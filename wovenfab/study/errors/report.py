@@ -184,11 +184,13 @@ def report_errors(
         say: Gets messages.
     """
     wanted, shortfall, steps = errors["wanted"], errors["shortfall"], errors["steps"]
-    loaded, travel = any(prescribe_forces(case.program)), history["displacement_m"]
-    answer = travel if loaded else history["force_N"]
+    loaded = any(prescribe_forces(case.program))
+    answer = history["displacement_m" if loaded else "force_N"]
     curve = ForceCurve(history["time_s"], answer, breaks_of(case))
     missed = dict.fromkeys(PEAKS, curve.missed_peak()) if steps else {}
-    values = {**summary, "peak_displacement_m": peak_force(travel) if len(travel) else None}
+    values = dict(summary)
+    if loaded and len(answer):
+        values["peak_displacement_m"] = peak_force(answer)
     figures = {
         name: _error(values[name], share, steps, name, missed.get(name, 0.0))
         for name, share in errors["elements"].items()
