@@ -134,6 +134,7 @@ def test_a_program_of_forces_and_displacements_has_no_accuracy(tmp_path: Path) -
     assert [p.key for p in caught.value.problems] == ["accuracy"]
 
 
+@pytest.mark.slow
 def test_stated_errors_of_creep_are_larger_than_true_ones(tmp_path: Path) -> None:
     path, mesh = written(tmp_path, PULL), "mesh: crossed, mesh_size: 0.5 m, degree: 2"
     program = "program=[{type: ramp, to: 1 N, duration: 0.5 s, steps: STEPS}, "

@@ -76,7 +76,10 @@ SLIDING = {
 }
 
 
-@pytest.mark.parametrize("more", [{}, SLIDING], ids=["bonded", "sliding"])
+@pytest.mark.parametrize(
+    "more",
+    [pytest.param({}, id="bonded"), pytest.param(SLIDING, id="sliding", marks=pytest.mark.slow)],
+)
 def test_derivatives_of_displacements_are_those_of_differences(
     tmp_path: Path, more: dict[str, str]
 ) -> None:
