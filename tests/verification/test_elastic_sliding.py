@@ -188,7 +188,7 @@ def test_a_stiff_spring_gives_the_loss_of_coulomb() -> None:
     [
         pytest.param(ELASTIC, marks=pytest.mark.slow),
         {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"},
-        IWAN,
+        pytest.param(IWAN, marks=pytest.mark.slow),
     ],
     ids=["elastic", "growing", "iwan"],
 )

@@ -181,7 +181,14 @@ def test_strength_by_a_formula_is_that_of_the_same_function() -> None:
     )
 
 
-@pytest.mark.parametrize("law", [{"law": "coulomb"}, {"slope": "2 s"}], ids=["coulomb", "smooth"])
+#: Laws of friction in a case.
+LAWS = [
+    pytest.param({"law": "coulomb"}, id="coulomb"),
+    pytest.param({"slope": "2 s"}, id="smooth", marks=pytest.mark.slow),
+]
+
+
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("scheme", [pytest.param("bdf2", marks=pytest.mark.slow), "midpoint"])
 def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
     scheme: str, law: dict[str, str], tmp_path: Path
@@ -196,7 +203,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", pytest.param("midpoint", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("law", [{"law": "coulomb"}, {"slope": "2 s"}], ids=["coulomb", "smooth"])
+@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("coefficient", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_derivatives_by_a_number_of_the_formula_agree_with_differences(
     coefficient: int, law: dict[str, str], scheme: str
