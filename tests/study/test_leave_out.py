@@ -173,8 +173,8 @@ def test_a_parameter_that_the_others_do_not_determine_is_said(loops: Fit, tmp_pa
     assert not known[1, 3]["spin_friction.strength"] and known[1, 3]["shear.stiffness"]
     one = predicted(loops, (1, 3), tmp_path)
     assert any("spin_friction.strength" in note for note in one.notes)
-    # As it started, not as the left-out test tells.
-    assert one.values["spin_friction.strength"] == pytest.approx(0.04, rel=0.05)
+    # Where a search leaves such a value is chance, but it must not be what the left-out test tells.
+    assert one.values["spin_friction.strength"] != pytest.approx(0.05, rel=0.05)
     assert one.misfits[0] > 1e-3
 
 
