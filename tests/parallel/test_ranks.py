@@ -268,13 +268,14 @@ def test_what_others_do_meanwhile_ends_once_the_first_rank_is_done() -> None:
     done: list[int] = []
     endless = (done.append(i) or sleep(0.05) for i in count())  # type: ignore[func-returns-value]
     compute_on_root(COMM, lambda: sleep(0.5), endless)
-    assert 1 <= len(done) <= 12 or not COMM.rank
+    begun = len(done)
 
     def fail() -> None:
         raise ValueError("by the first")
 
     with pytest.raises(ValueError, match="by the first"):
         compute_on_root(COMM, fail, endless)
+    assert begun or not COMM.rank  # after all that is collective: a rank that fails leaves the others
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:
