@@ -275,7 +275,7 @@ def test_what_others_do_meanwhile_ends_once_the_first_rank_is_done() -> None:
 
     with pytest.raises(ValueError, match="by the first"):
         compute_on_root(COMM, fail, endless)
-    assert begun or not COMM.rank  # after all that is collective: a rank that fails leaves the others
+    assert begun or not COMM.rank  # at the end: a rank that fails before leaves the others waiting
 
 
 def test_edges_have_the_same_facets_on_all_ranks_together() -> None:
