@@ -6,10 +6,10 @@ attained, shortens it until the incremental potential falls enough.
 
 Two modified tangents replace an indefinite one. Where the line search shortens a step, or where
 friction at its bound leaves no potential to search on, the positive part of the tangent gives
-another one: sharply bent yarns turn, and their potential in
-Cartesian placements is far from the tangent's paraboloid. Where a run follows the branches
-beyond a loss of stability, each indefinite tangent is shifted instead. The positive part lacks
-the compressive forces that choose a branch; with it the compression case needs more steps.
+another one: sharply bent yarns turn, and their potential in Cartesian placements is far from the
+tangent's paraboloid. Where a run follows the branches beyond a loss of stability, each indefinite
+tangent is shifted instead. The positive part lacks the compressive forces that choose a branch;
+with it the compression case needs more steps.
 """
 
 from __future__ import annotations
