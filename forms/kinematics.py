@@ -150,6 +150,12 @@ def tangent(f: Any) -> Any:
     return f / norm(f)
 
 
+def across(f: Any) -> Any:
+    """Return the unit vector across the current fibre, to its left."""
+    e = tangent(f)
+    return ufl.as_vector((-e[1], e[0]))
+
+
 def cross(a: Any, b: Any) -> Any:
     """Return the out-of-plane component of a × b."""
     return a[0] * b[1] - a[1] * b[0]

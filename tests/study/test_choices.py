@@ -201,7 +201,7 @@ def test_steps_that_could_not_be_judged_are_told_before_the_run_without_an_error
     lines: list[str] = []
     space = {"peak_force_N": 1e-3, "dissipated_J": 2e-3}
     for judged, shortfall in ((space, ""), ({"peak_force_N": 1e-3}, UNKNOWN)):
-        estimate = SimpleNamespace(space=space, time=judged, worst=4e-3)
+        estimate = SimpleNamespace(space=space, time=judged, worst=4e-3, resolved=True)
         found = Plan(case, sheet(case), estimate)  # type: ignore[arg-type]
         monkeypatch.setattr(report, "plan", lambda *_, found=found, **__: found)
         assert report.choose(case, sheet(case), lines.append, str).shortfall == shortfall

@@ -11,8 +11,11 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from tests.scenes import ALONG, BONDED, model
+from tests.scenes import sheet as rectangle
 from wovenfab.case import Case, read_case
 from wovenfab.case.objects import model_of, sheet_of, simulation_of
+from wovenfab.model.model import Numerics
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.study.errors.choice import plan
 from wovenfab.study.errors.elements import (
@@ -22,11 +25,13 @@ from wovenfab.study.errors.elements import (
     DegreeRefinement,
     error_of_degree,
     error_shares,
+    resolves_waves,
     response_with_degree,
 )
 from wovenfab.study.errors.estimate import Estimate, stated_error, worst
 from wovenfab.study.errors.meshes import Limits
 from wovenfab.study.errors.refinement import FASTEST_UNSHOWN, error_of_degrees
+from wovenfab.study.errors.report import errors_of, report_errors
 from wovenfab.study.errors.steps import DISSIPATED, PEAK, StepRefinement
 from wovenfab.study.response import (
     prolongated,
@@ -218,9 +223,9 @@ def test_a_field_is_the_same_in_elements_of_higher_degree(name: str) -> None:
     def cubic(x: np.ndarray) -> np.ndarray:
         return np.stack([x[0] ** 3 - x[1], x[0] * x[1] ** 2])
 
-    for model in (low, high):
-        values = model.field.x.array.reshape(-1, 2)
-        values[:] = cubic(model.placements.positions.T).T
+    for each in (low, high):
+        values = each.field.x.array.reshape(-1, 2)
+        values[:] = cubic(each.placements.positions.T).T
     assert prolongated(low.field.x.array, low, high) == pytest.approx(high.field.x.array, abs=1e-13)
 
 
@@ -395,3 +400,56 @@ def test_a_search_that_gives_up_has_the_highest_degree_and_does_not_understate_i
     assert found.case.discretisation.degree == 4
     true = abs(found.estimate.response.figures[PEAK] / SHEARED_LIMIT - 1)
     assert true < found.estimate.worst < 4 * true
+
+
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_elements_are_too_large_for_the_waves_of_a_compressed_yarn_from_a_size_on(
+    share: float,
+) -> None:
+    degree, size, strain, stretch, shear = 3, 0.15, 0.02, 1e5, 400.0
+    left = 1 - strain
+    excess = stretch * strain / left - shear / left**2  # by the laws of stretch and shear
+    # Triangles of a quarter of a square; k h = share (2 p + 1) and k^2 = excess |f|^2 / 2B.
+    h = size / 2**0.5
+    bending = excess * left**2 / 2 * (h / (share * (2 * degree + 1))) ** 2
+    values = {
+        "stretch": {"stiffness": (stretch, stretch)},
+        "shear": {"stiffness": shear},
+        "bending": {"stiffness": (bending, bending)},
+    }
+    on = rectangle(0.9, 0.3, size, fibres=ALONG, comm=ALONE)
+    made = model(on, BONDED, Numerics(degree), values)
+    made.field.interpolate(lambda x: (-strain * x[0], 0 * x[1]))
+    assert resolves_waves(made) == (share < 1)
+    made.field.interpolate(lambda x: (strain * x[0], 0 * x[1]))
+    assert resolves_waves(made)
+
+
+def test_the_error_of_compressed_yarns_is_not_known_where_cells_hide_their_waves(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "case.yaml"
+    path.write_text(
+        """\
+sheet: {length: 34 mm, width: 50 mm, fibres: [45 deg, -45 deg]}
+effects:
+  stretch: {stiffness: 31800 N/m}
+  shear: {stiffness: 18.6 N/m}
+  bending: {stiffness: 4e-6 N m}
+boundary:
+  left: {clamp: rotation}
+  right: {displacement: [-program, 0], rotation: held}
+program: {type: ramp, to: 0.3 mm, duration: 1 s, steps: 4}
+accuracy: 1 %
+"""
+    )
+    said: list[str] = []
+    chosen = plan(read_case(path), ALONE, said.append, Limits(8e3, inf, inf))
+    assert chosen.estimate is not None
+    assert not chosen.estimate.resolved
+    assert chosen.shortfall
+    errors = errors_of(chosen, read_case(path))
+    summary = {"peak_force_N": 20.0}
+    history = {name: np.linspace(0, 1, 4) for name in ("time_s", "force_N", "displacement_m")}
+    told = report_errors(errors, read_case(path), summary, history, None, said.append)
+    assert told["accuracy"]["figures"]["peak_force_N"]["relative_error"] is None

@@ -19,6 +19,7 @@ from wovenfab.study.errors.elements import (
     FEW,
     DegreeRefinement,
     fastest_convergence,
+    resolves_waves,
     response_with_degree,
 )
 from wovenfab.study.errors.estimate import Estimate
@@ -72,6 +73,8 @@ COARSEST = 2
 #: Error of two placements with slip friction, over the target, from which the mesh is graded:
 #: that takes three to four times as many unknowns, and pays where yarns stick.
 MUCH = 4.0
+#: Why the error of elements is not known.
+WAVES = "compressed yarns may form shorter waves than these elements resolve"
 #: Degrees that are tried on a mesh, one after another: each three of them give the errors of the
 #: middle and the highest one.
 DEGREES = (2, 3, 4, 5)
@@ -237,6 +240,8 @@ class _MeshSearch:
         if self.best is None:
             case = with_elements(self.case, degree=DEGREES[1])
             return Plan(case, self.sheet, None, failure or reason)
+        if self.best.estimate and not self.best.estimate.resolved:
+            reason = f"{WAVES}, and {reason}"
         return replace(self.best, shortfall=reason, reachable=reachable)
 
     def _grade(self, spent: float) -> None:
@@ -280,10 +285,12 @@ class _MeshSearch:
             degrees = tuple(range(degree - len(responses), degree))
             fastest = fastest_convergence(trial)
             refinement = DegreeRefinement(degrees, tuple(responses), fastest)
+            resolved = resolves_waves(response.model)
             for judged in degrees[-2:]:
                 case = with_elements(trial, degree=judged)
-                error = self._add(case, sheet, Estimate(refinement, judged))
-                if error <= self.target:
+                estimate = Estimate(refinement, judged, resolved=resolved)
+                error = self._add(case, sheet, estimate)
+                if error is not None and error <= self.target:
                     return error
             if self._should_grade(error):
                 break
@@ -333,26 +340,24 @@ class _MeshSearch:
             self.last = budget.spent
         return None if must_be_equal and response.outcome.cutbacks else response
 
-    def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float:
-        """Keep the best; return the error.
+    def _add(self, case: Case, sheet: Sheet, estimate: Estimate) -> float | None:
+        """Keep the best; return the error, or None where it is not known.
 
         Of one mesh the last judgement counts: it is of a higher degree, or knows more.
         """
         error, size = estimate.worst, case.discretisation.mesh_size
-        self.report(f"degree {estimate.degree}: error {100 * error:.2g} %")
+        words = f"error {100 * error:.2g} %" if estimate.resolved else WAVES
+        self.report(f"degree {estimate.degree}: {words}")
         logger.info(
-            "trial: mesh size %s m, degree %d: error %.2g of %.2g",
-            size, estimate.degree, error, self.target,
+            "trial: mesh size %s m, degree %d: error %.2g of %.2g%s",
+            size, estimate.degree, error, self.target, "" if estimate.resolved else f"; {WAVES}",
         )  # fmt: skip
-        best = self.best
-        if (
-            best is None
-            or best.estimate is None
-            or best.sheet is sheet
-            or error < best.estimate.worst
-        ):
+        best = self.best.estimate if self.best else None
+        rank = (not estimate.resolved, error)
+        same = self.best is not None and self.best.sheet is sheet
+        if best is None or same or rank < (not best.resolved, best.worst):
             self.best = Plan(case, sheet, estimate)
-        return error
+        return error if estimate.resolved else None
 
 
 def _unknowns(case: Case, sheet: Sheet, degree: int) -> int:

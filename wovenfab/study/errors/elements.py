@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import ufl
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case import Case
 from wovenfab.forms.balance import second_variation
-from wovenfab.forms.kinematics import point_of, point_variation
+from wovenfab.forms.kinematics import Point, across, point_of, point_variation
 from wovenfab.model.assembly import compile_form
 from wovenfab.model.model import Model
 from wovenfab.sheet.sheet import Sheet
@@ -36,6 +37,9 @@ FASTEST_SET_VALUED, FASTEST_FRICTION = 5.0, 10.0
 #: Error of the highest degree over the last change, at least, where values have a trend and where
 #: they have none: with friction one degree may be too soft and the next one too stiff.
 UNCONFIRMED, WITHOUT_TREND = 2 / 3, 2.0
+#: Share of cells whose elements may be too large for waves: those beside corners of clamps, where
+#: forces have no bound, always are.
+UNRESOLVED = 0.05
 #: Share of the usual number of steps that is enough to compare elements: with half as many,
 #: what they dissipate in a cycle with slip is half as wrong as with many.
 FEW = 0.15
@@ -146,3 +150,48 @@ def error_shares(low: Model, high: Model) -> Array:
     sizes = np.abs(fem.assemble_vector(form).array[:own])
     total = high.comm.allreduce(float(sizes.sum()), op=MPI.SUM)
     return np.asarray(sizes / total if total else sizes)
+
+
+def resolves_waves(model: Model) -> bool:
+    """Return whether elements are small enough for the waves that compressed yarns may form.
+
+    Where they are not, coarse elements of all degrees may agree on a sheet that stays straight,
+    and finer ones find one that is softer. A yarn that is compressed by c (N/m) more than its shear
+    resists, and that yarns across hold as an elastic foundation does, buckles with the wave number
+    k = (c / 2B)^(1/2), B its bending stiffness (Hetenyi, Beams on Elastic Foundation, 1946).
+    Elements of size h and degree p resolve that for k h < 2p + 1 (Ainsworth, doi:
+    10.1137/S0036142903423460). Collective.
+
+    Args:
+        model: With the field that is judged.
+    """
+    balance = model.balance
+    if not balance.second_gradient:
+        return True
+    point = point_of(model.field, balance.fibres, second_gradient=True)
+    stored = [t for t in balance.terms if not t.effect.dissipative]
+
+    def second(variation: Point) -> Any:
+        both = variation.measures, variation.measures
+        return second_variation(
+            lambda p: sum(t.effect.stored(p, t.values) for t in stored), point, *both
+        )
+
+    mesh, none = model.sheet.mesh, ufl.as_vector((0, 0))
+    still = point.with_measures([none for _ in point.measures])
+    test = ufl.TestFunction(fem.functionspace(mesh, ("DG", 0, (2,))))
+    total = 0
+    for family, f in enumerate(point.f):
+        normal = across(f)
+        pair = (normal, none) if family == 0 else (none, normal)
+        bending = second(replace(still, g=pair))
+        excess = -second(replace(still, f=pair))
+        squared = ufl.conditional(ufl.gt(bending, 0), excess / (2 * bending), 0)  # k^2
+        total += test[family] * squared
+    form = compile_form(2 * total * ufl.dx(metadata={"quadrature_degree": balance.quadrature}))
+    own = mesh.topology.index_map(2).size_local
+    # h^2 is twice the area of a cell, which the integral has once.
+    squares = fem.assemble_vector(form).array[: 2 * own].reshape(-1, 2)
+    short = int((squares.max(axis=1, initial=0.0) > (2 * balance.degree + 1) ** 2).sum())
+    short, cells = model.comm.allreduce(np.array([short, own]), op=MPI.SUM)
+    return bool(short <= UNRESOLVED * cells)

@@ -40,12 +40,15 @@ class Estimate:
         degree: Degree of the elements of the case, the highest or that below it.
         time: Signed errors of the steps over the figures; None where they were not chosen.
         missed: Share of the peak of the force that is missed between steps.
+        resolved: Whether elements are small enough for the waves that compressed yarns may form;
+            if not, degrees may agree on what is wrong.
     """
 
     refinement: DegreeRefinement
     degree: int
     time: Mapping[str, float] | None = None
     missed: float = 0.0
+    resolved: bool = True
 
     @property
     def response(self) -> Response:

@@ -108,8 +108,9 @@ def settled(case: Case, comm: MPI.Comm, say: Callable[[str], None]) -> tuple[Cas
 
 
 def _is_known(estimate: Estimate) -> bool:
-    """Return whether the steps were judged by all figures that the elements have."""
-    return estimate.time is None or set(estimate.space) <= set(estimate.time)
+    """Return whether elements resolve what happens, and steps were judged by all of its figures."""
+    judged = estimate.time is None or set(estimate.space) <= set(estimate.time)
+    return estimate.resolved and judged
 
 
 def traits(case: Case) -> tuple[float, ...]:
@@ -157,6 +158,7 @@ def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
         "shortfall": chosen.shortfall,
         "elements": estimate.space if estimate else {},
         "steps": estimate.time if estimate else None,
+        "resolved": estimate is None or estimate.resolved,
     }
 
 
@@ -191,8 +193,9 @@ def report_errors(
     values = dict(summary)
     if loaded and len(answer):
         values["peak_displacement_m"] = peak_force(answer)
+    resolved = errors.get("resolved", True)  # not in checkpoints of 0.9.0
     figures = {
-        name: _error(values[name], share, steps, name, missed.get(name, 0.0))
+        name: _error(values[name], share, steps, name, missed.get(name, 0.0), resolved)
         for name, share in errors["elements"].items()
         if values.get(name) is not None
     }
@@ -214,16 +217,21 @@ def report_errors(
 
 
 def _error(
-    value: float, elements: float, steps: Mapping[str, float] | None, name: str, missed: float
+    value: float,
+    elements: float,
+    steps: Mapping[str, float] | None,
+    name: str,
+    missed: float,
+    resolved: bool,
 ) -> dict[str, Any]:
     """Return the errors of a figure; None of what is not known."""
-    known = steps is None or name in steps
+    known = resolved and (steps is None or name in steps)
     of_steps = (steps or {}).get(name)
     relative = stated_error(elements, of_steps or 0.0, missed) if known else None
     return {
         "value": value,
         "error": None if relative is None else relative * abs(value),
-        "error_of_elements": elements * value,
+        "error_of_elements": elements * value if resolved else None,
         "error_of_steps": None if of_steps is None else (of_steps - missed) * value,
         "relative_error": relative,
     }
