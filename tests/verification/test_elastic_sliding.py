@@ -134,10 +134,10 @@ def scene(name: str, **values: Any) -> Any:
     ("name", "law", "parameter"),
     [
         ("slip_friction", "elastic", "stiffness"),
-        ("spin_friction", "iwan", "strength"),
         *(
             pytest.param(*scene, marks=pytest.mark.slow)
             for scene in (
+                ("spin_friction", "iwan", "strength"),
                 ("slip_friction", "elastic", "strength"),
                 ("slip_friction", "iwan", "strength"),
                 ("slip_friction", "iwan", "stiffness"),
@@ -204,6 +204,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
         assert (parts[name] == values).all(), name
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_two_ranks_agree_with_one() -> None:
     case = sample(ELASTIC, time={"steps_per_cycle": 8})

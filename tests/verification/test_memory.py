@@ -258,7 +258,7 @@ def test_rejected_steps_do_not_change_the_history(monkeypatch: pytest.MonkeyPatc
     [
         pytest.param("wear", "bdf2", ("wear",), marks=pytest.mark.slow),
         pytest.param("both", "midpoint", ("wear", "softening"), marks=pytest.mark.slow),
-        ("softening", "backward-euler", ("softening",)),
+        pytest.param("softening", "backward-euler", ("softening",), marks=pytest.mark.slow),
     ],
 )
 def test_what_the_derivative_leaves_falls_with_the_square_of_the_change(
@@ -318,7 +318,7 @@ def test_a_scene_without_internal_variables_builds_nothing_of_them() -> None:
 
 @pytest.mark.mpi
 @pytest.mark.mpi4
-@pytest.mark.parametrize("scene", ["both", "coulomb"])
+@pytest.mark.parametrize("scene", ["both", pytest.param("coulomb", marks=pytest.mark.slow)])
 def test_ranks_together_have_the_history_of_one(scene: str) -> None:
     def figures(comm: MPI.Comm) -> tuple[list[Step], list[float]]:
         model = sheet(scene, comm=comm)
