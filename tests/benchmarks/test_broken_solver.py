@@ -39,10 +39,10 @@ def missed(change: Change, name: str) -> str:
 @pytest.mark.parametrize(
     ("change", "name", "problem"),
     [
-        (plain, "large-p4-12mm-graded", "worst|cutbacks"),
+        pytest.param(plain, "large-p4-12mm-graded", "worst|cutbacks", marks=pytest.mark.slow),
         (unlimited, "tunnelling", "margin"),
         (unlimited, "locking-end", "finished, but should have stopped"),
-        (unsearched, "locking-one-step", "margin"),
+        pytest.param(unsearched, "locking-one-step", "margin", marks=pytest.mark.slow),
     ],
 )
 def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(

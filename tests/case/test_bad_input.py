@@ -90,7 +90,14 @@ def test_an_energy_that_is_no_number_at_rest_is_refused(path: Path) -> None:
         execute(read_case(path), path.parent / "results", comm=MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize("end", ["> /dev/full", ">&-", "| head -0; test ${PIPESTATUS[0]} = 0"])
+@pytest.mark.parametrize(
+    "end",
+    [
+        "> /dev/full",
+        pytest.param(">&-", marks=pytest.mark.slow),
+        pytest.param("| head -0; test ${PIPESTATUS[0]} = 0", marks=pytest.mark.slow),
+    ],
+)
 def test_output_that_nobody_reads_does_not_end_a_command(end: str, path: Path) -> None:
     script = f"{COMMAND} check {path} {end}"
     ended = subprocess.run(["bash", "-c", script], text=True, capture_output=True, check=False)

@@ -200,6 +200,7 @@ def test_the_documented_example_is_the_one_in_the_docs() -> None:
     assert (DOCS / "examples" / "my_effect.py").read_text(encoding="utf-8") in blocks
 
 
+@pytest.mark.slow
 def test_the_documented_example_runs_and_has_its_column(tmp_path: Path) -> None:
     case = DOCS / "examples" / "my_effect.yaml"
     ended = wovenfab("run", case, "-o", "results", cwd=tmp_path)

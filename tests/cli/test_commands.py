@@ -167,7 +167,7 @@ def test_a_step_that_cannot_be_made_ends_with_3_and_keeps_the_others(folder: Pat
     ended = wovenfab(
         "run", "small.yaml", "-o", "failed",
         "--set", "program={type: ramp, to: -1.2 m, steps: 12, velocity: 0.5 m/s}",
-        "--set", "time.smallest_step=0.25", cwd=folder,
+        "--set", "time.smallest_step=0.25", "--set", "effects.spin_friction=null", cwd=folder,
     )  # fmt: skip
     assert ended.returncode == 3, ended.stderr
     assert "no equilibrium at t = " in ended.stderr
@@ -328,7 +328,14 @@ def test_code_in_the_current_folder_is_never_run(tmp_path: Path) -> None:
     assert not (tmp_path / "ran").exists()
 
 
-@pytest.mark.parametrize("words", [("-v", "2"), ("again.yaml",), ("--", "-malloc_debug", "nope")])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("again.yaml",),
+        pytest.param(("-v", "2"), marks=pytest.mark.slow),
+        pytest.param(("--", "-malloc_debug", "nope"), marks=pytest.mark.slow),
+    ],
+)
 def test_a_word_too_many_and_what_petsc_cannot_start_with_are_bad_input(
     words: tuple[str, ...], tmp_path: Path
 ) -> None:
@@ -342,11 +349,16 @@ def test_a_word_too_many_and_what_petsc_cannot_start_with_are_bad_input(
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        ("-pc_type nope", "PC type nope"),
-        ("-pc_factor_mat_solver_type nope", "solver type nope"),
-        ("-mat_mumps_icntl_14 abc", "no integer value"),
         ("-pc_type python -pc_python_type x.Y", "No module named 'x'"),
-        ("-mat_type nope", "Unknown type"),
+        *(
+            pytest.param(*option, marks=pytest.mark.slow)
+            for option in (
+                ("-pc_type nope", "PC type nope"),
+                ("-pc_factor_mat_solver_type nope", "solver type nope"),
+                ("-mat_mumps_icntl_14 abc", "no integer value"),
+                ("-mat_type nope", "Unknown type"),
+            )
+        ),
     ],
 )
 def test_a_petsc_option_that_cannot_be_used_is_bad_input(

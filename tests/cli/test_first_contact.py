@@ -90,6 +90,7 @@ def program(folder: Path, script: str) -> str:
     return str(file)
 
 
+@pytest.mark.slow
 def test_on_two_ranks_missing_headers_are_told_by_one_message_alone(tmp_path: Path) -> None:
     ended = run(tmp_path, ranks=2, CC=program(tmp_path, NO_HEADERS))
     assert "python3-dev" in told(ended, tmp_path)
@@ -113,7 +114,7 @@ def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(tmp_path:
     assert traceback and all("error: expected ';'" in text for text in (log, told))
 
 
-@pytest.mark.parametrize("ranks", [1, 2])
+@pytest.mark.parametrize("ranks", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_gmsh_without_a_library_of_the_system(ranks: int, tmp_path: Path) -> None:
     missing = "libGLU.so.1: cannot open shared object file: No such file or directory"
     modules = tmp_path / "modules"
@@ -134,7 +135,15 @@ def test_a_user_without_a_home_folder_needs_a_cache_folder(tmp_path: Path) -> No
     assert ended.returncode == 0, ended.stderr
 
 
-@pytest.mark.parametrize("module", ["typer", "ufl", "mpi4py", "dolfinx"])
+@pytest.mark.parametrize(
+    "module",
+    [
+        pytest.param("typer", marks=pytest.mark.slow),
+        "ufl",
+        pytest.param("mpi4py", marks=pytest.mark.slow),
+        "dolfinx",
+    ],
+)
 def test_a_module_that_is_not_installed(module: str, tmp_path: Path) -> None:
     modules = tmp_path / "modules"
     modules.mkdir()

@@ -89,10 +89,22 @@ def test_a_sliver_is_named_before_and_after_the_run_fails(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("name", "text", "says"),
     [
-        ("far.geo", PLATE.replace("{0.9,", "{1000000000.9,").replace("{0,", "{1e9,"), "too rough"),
-        ("exit.geo", "Exit;\n" + PLATE, "ended gmsh before there was a mesh"),
+        pytest.param(
+            "far.geo",
+            PLATE.replace("{0.9,", "{1000000000.9,").replace("{0,", "{1e9,"),
+            "too rough",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "exit.geo",
+            "Exit;\n" + PLATE,
+            "ended gmsh before there was a mesh",
+            marks=pytest.mark.slow,
+        ),
         ("false.msh", 'SystemCall "touch ran";\n', "no mesh of gmsh"),
-        ("false.step", 'SystemCall "touch ran";\n', "Could not read"),
+        pytest.param(
+            "false.step", 'SystemCall "touch ran";\n', "Could not read", marks=pytest.mark.slow
+        ),
     ],
 )
 def test_a_file_that_makes_no_sheet_is_one_message(
@@ -124,7 +136,12 @@ def test_options_that_petsc_never_read_are_told_each(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", ["-snes_type qn", "-snes_type ngmres", "-snes_linesearch_type l2"]
+    "options",
+    [
+        pytest.param("-snes_type qn", marks=pytest.mark.slow),
+        "-snes_type ngmres",
+        pytest.param("-snes_linesearch_type l2", marks=pytest.mark.slow),
+    ],
 )
 def test_methods_that_do_not_work_are_refused(options: str, tmp_path: Path) -> None:
     (tmp_path / "small.yaml").write_text(CASE)

@@ -28,7 +28,14 @@ SHEET = scenes.sheet(1.0, 1.0, 0.5, fibres=(0.3, -0.9))
 
 def each(effects: list[Effect]) -> pytest.MarkDecorator:
     """Return the mark of a test that runs with each of some effects."""
-    return pytest.mark.parametrize("effect", effects, ids=key)
+    return pytest.mark.parametrize(
+        "effect", [pytest.param(e, marks=marks(e)) for e in effects], ids=key
+    )
+
+
+def marks(effect: Effect) -> list[pytest.MarkDecorator]:
+    """Return the marks of tests of an effect: of two laws with internal variables one is quick."""
+    return [pytest.mark.slow] if effect.law == "iwan" else []
 
 
 def key(effect: Effect) -> str:
@@ -140,7 +147,7 @@ def test_the_positive_part_of_a_tangent_is_positive_where_the_whole_one_is_not(
 
 @pytest.mark.parametrize(
     ("effect", "parameter"),
-    [(e, p.name) for e in ALL for p in e.parameters],
+    [pytest.param(e, p.name, marks=marks(e)) for e in ALL for p in e.parameters],
     ids=lambda v: key(v) if isinstance(v, Effect) else v,
 )
 def test_jacobian_changes_when_the_parameter_does(effect: Effect, parameter: str) -> None:

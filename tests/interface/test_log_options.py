@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_commands import wovenfab
+from wovenfab.case import CaseError
+from wovenfab.cli.console import require_log
 from wovenfab.parallel import child_environment
 
 ROOT = Path(__file__).parents[2]
@@ -18,17 +20,15 @@ HARD = ["program={type: ramp, to: 150 mm, steps: 1}", "discretisation.mesh_size=
 
 
 def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
-    case = ROOT / "configs" / "elastic-1x3.yaml"
+    case = ROOT / "configs" / "bonded-1x3.yaml"
     changes = [word for text in (*HARD, "output.pictures=false") for word in ("--set", text)]
     return wovenfab("run", case, *changes, "-o", "run", "--overwrite", *options, cwd=folder)
 
 
-def test_nothing_is_logged_unless_asked_for(tmp_path: Path) -> None:
-    assert "residual" not in run(tmp_path).stderr
-
-
 def test_cut_steps_are_told_with_their_reason_once_each(tmp_path: Path) -> None:
-    ended = run(tmp_path, "-v", "--set", "solver.max_iterations=4")
+    few = "--set", "solver.max_iterations=4"
+    assert "residual" not in run(tmp_path, *few).stderr  # nothing is logged unless asked for
+    ended = run(tmp_path, "-v", *few)
     cut = [line for line in ended.stderr.splitlines() if "rejected: DIVERGED_" in line]
     assert cut and all("residual" in line for line in cut)
 
@@ -40,6 +40,7 @@ def test_iterations_are_told_with_vv_and_in_a_file(tmp_path: Path) -> None:
     assert "|r|" in file.read_text() and "DEBUG" in file.read_text()
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_one_message_before_anything_is_done(
     tmp_path: Path,
 ) -> None:
@@ -85,13 +86,17 @@ ENTRY = "2026-01-02 03:04:05,678 INFO    wovenfab.solver.newton: an earlier run\
     ],
 )
 def test_a_log_replaces_nothing_but_a_log(log: str, content: str | None, tmp_path: Path) -> None:
-    (tmp_path / "case.yaml").write_text(CASE)
     if content is not None:
         (tmp_path / log).write_text(content)
-    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
-    ended = wovenfab("run", "case.yaml", "-o", "run", "--log", log, cwd=tmp_path)
+    with pytest.raises(CaseError, match="--log: "):
+        require_log(tmp_path / log, tmp_path / "run")
+
+
+def test_a_log_that_is_refused_leaves_all_as_it_was(tmp_path: Path) -> None:
+    (tmp_path / "case.yaml").write_text(CASE)
+    ended = wovenfab("run", "case.yaml", "-o", "run", "--log", "case.yaml", cwd=tmp_path)
     assert ended.returncode == 2 and "--log: " in ended.stderr
-    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"case.yaml": CASE}
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from wovenfab.study.response import (
     with_elements,
 )
 
-pytestmark = [pytest.mark.mpi, pytest.mark.mpi4]
+pytestmark = [pytest.mark.mpi]
 COMM, ALONE = MPI.COMM_WORLD, MPI.COMM_SELF
 CONFIGS = Path(__file__).parents[2] / "configs"
 SAME = 1e-6
@@ -91,6 +91,7 @@ def test_a_target_accuracy_is_reached_by_the_same_means(
     assert np.sort(gathered) == pytest.approx(np.sort(whole), abs=SAME)
 
 
+@pytest.mark.mpi4
 def test_steps_are_chosen_by_the_first_rank_as_by_one_while_others_do_something_else() -> None:
     case = read_case(
         CONFIGS / "bias-1x3.yaml",
@@ -119,7 +120,7 @@ def test_what_is_compiled_ahead_leaves_nothing_to_compile(
 
     monkeypatch.setenv("XDG_CACHE_HOME", COMM.bcast(str(tmp_path)))
     ramp = "program={type: ramp, to: 5 mm, steps: 1}"
-    case = with_elements(read_case(CONFIGS / "elastic-1x3.yaml", [ramp]), mesh_size=0.15)
+    case = with_elements(read_case(CONFIGS / "bonded-1x3.yaml", [ramp]), mesh_size=0.15)
     ahead: list[Path] = []
     for mesher in (refuse, sheet_of):
         if COMM.rank:
@@ -133,7 +134,8 @@ def test_what_is_compiled_ahead_leaves_nothing_to_compile(
     assert sorted(cache_folder().glob("*.c")) == ahead
 
 
-@pytest.mark.parametrize("angle", [45, 35])
+@pytest.mark.mpi4
+@pytest.mark.parametrize("angle", [pytest.param(45, marks=pytest.mark.slow), 35])
 def test_a_field_is_the_same_in_elements_of_higher_degree_on_any_rank(angle: int) -> None:
     """Also at nodes of a rank that are in none of its cells, as there are on two."""
     fibres = f"sheet.fibres=[{angle} deg, -{angle} deg]"
@@ -147,6 +149,7 @@ def test_a_field_is_the_same_in_elements_of_higher_degree_on_any_rank(angle: int
     assert found == pytest.approx(high.field.x.array, abs=1e-13)
 
 
+@pytest.mark.slow
 def test_the_same_is_chosen_whatever_memory_the_machines_have(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -33,7 +33,7 @@ def test_a_history_that_cannot_be_read_ends_the_run_on_every_rank(
         execute(read_case(CASE, SMALL), directory, comm=COMM)
 
 
-@pytest.mark.parametrize("name", [CHECKPOINT, "history.csv"])
+@pytest.mark.parametrize("name", [CHECKPOINT, pytest.param("history.csv", marks=pytest.mark.slow)])
 def test_a_run_that_cannot_go_on_is_refused_on_every_rank(name: str, tmp_path: Path) -> None:
     directory: Path = COMM.bcast(tmp_path) / "run"
     case = read_case(CASE, SMALL)

@@ -93,7 +93,9 @@ def compare(
     assert energy > 0 and peak > 100
 
 
-@pytest.mark.parametrize("place", [structured, graded, dogbone])
+@pytest.mark.parametrize(
+    "place", [graded, dogbone, pytest.param(structured, marks=pytest.mark.slow)]
+)
 def test_a_bonded_sheet_has_the_same_forces_energies_and_iterations(place: Place) -> None:
     program = program_of([ramp(0.0, 0.04, 1.0, 4)])
     compare(place, scenes.BONDED, scenes.PROTOTYPE, program, "backward-euler")
@@ -130,7 +132,12 @@ def test_displacements_by_a_formula_are_attained_on_every_rank() -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "scheme"), [(structured, "bdf2"), (structured, "midpoint"), (graded, "bdf2")]
+    ("place", "scheme"),
+    [
+        (structured, "midpoint"),
+        pytest.param(structured, "bdf2", marks=pytest.mark.slow),
+        pytest.param(graded, "bdf2", marks=pytest.mark.slow),
+    ],
 )
 def test_two_placements_with_slip_friction_have_the_same_loop(place: Place, scheme: str) -> None:
     compare(place, SLIDING, scenes.PROTOTYPE_TWO_STEPS, ONE_CYCLE, scheme)
@@ -237,7 +244,12 @@ def test_the_step_limit_is_that_of_the_worst_rank() -> None:
 
 @pytest.mark.parametrize(
     ("name", "text"),
-    [("missing.geo", None), ("false.msh", "x"), ("exit.geo", "Exit;\n"), ("false.step", "x")],
+    [
+        ("false.msh", "x"),
+        ("exit.geo", "Exit;\n"),
+        pytest.param("missing.geo", None, marks=pytest.mark.slow),
+        pytest.param("false.step", "x", marks=pytest.mark.slow),
+    ],
 )
 def test_a_geometry_that_cannot_be_meshed_is_refused_on_every_rank(
     name: str, text: str | None, shared_path: Path

@@ -69,6 +69,9 @@ def turned(case: dict[str, Any], folder: Path, move: str, along: float) -> Case:
     return Case(**{**case, "sheet": sheet, "boundary": boundary})
 
 
+FRAME = (CONFIGS / "picture-frame.yaml", ["figures=picture-frame", "output.pictures=false"])
+
+
 def figures_of(case: Case, comm: MPI.Comm = ALONE) -> dict[str, float]:
     (figures,) = simulate(case, comm=comm).figures.values()
     assert all(value is not None for value in figures.values())
@@ -80,7 +83,13 @@ def plain() -> dict[str, float]:
     return figures_of(Case(**SHEAR))
 
 
-@pytest.mark.parametrize("boundary", [HALVED, MIRRORED], ids=["halved", "mirrored"])
+@pytest.mark.parametrize(
+    "boundary",
+    [
+        pytest.param(HALVED, id="halved"),
+        pytest.param(MIRRORED, id="mirrored", marks=pytest.mark.slow),
+    ],
+)
 def test_a_shear_test_has_its_figures_however_the_jaws_move(
     boundary: dict[str, Any], plain: dict[str, float]
 ) -> None:
@@ -116,10 +125,8 @@ def test_friction_between_rigid_yarns_gives_a_width_of_twice_its_strength(
 
 
 @pytest.mark.mpi
-def test_figures_on_two_ranks_are_those_on_one(shared_path: Path) -> None:
-    folder = shared_path / f"{MPI.COMM_WORLD.rank}"
-    folder.mkdir()
-    case = turned(SHEAR, folder, "top", 0.0)
+def test_figures_on_two_ranks_are_those_on_one() -> None:
+    case = read_case(*FRAME)
     together, alone = figures_of(case, MPI.COMM_WORLD), figures_of(case)
     assert together == pytest.approx(alone, rel=SAME)
 
@@ -146,9 +153,6 @@ def test_a_turned_bias_extension_has_its_figures(tmp_path: Path) -> None:
     other = other.changed({"output.probes": {"middle": {**zone, "centre": [x, y]}}})
     assert "measured angle" in upright
     assert figures_of(other) == pytest.approx(upright, rel=ANOTHER_MESH)
-
-
-FRAME = (CONFIGS / "picture-frame.yaml", ["figures=picture-frame", "output.pictures=false"])
 
 
 def test_a_picture_frame_has_the_shear_force_of_its_law(tmp_path: Path) -> None:

@@ -174,8 +174,8 @@ def test_a_run_that_stopped_early_has_its_page(tmp_path: Path) -> None:
     ("lost", "note", "gone"),
     [
         (["summary.json"], "there is no summary", "Cycles"),
-        (["fields.h5", "fields.xdmf"], "Finished.", "Fields"),
-        (["case.yaml"], "Finished.", "title:"),
+        pytest.param(["fields.h5", "fields.xdmf"], "Finished.", "Fields", marks=pytest.mark.slow),
+        pytest.param(["case.yaml"], "Finished.", "title:", marks=pytest.mark.slow),
     ],
 )
 def test_a_page_does_without_what_a_run_did_not_write(

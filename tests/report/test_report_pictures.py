@@ -132,7 +132,9 @@ def test_a_run_without_fields_has_a_loop(small: Path) -> None:
     assert [path.name for path in draw(small)] == ["loop.png", "loop.svg"]
 
 
-@pytest.mark.parametrize("rows", [1, 2, 30])
+@pytest.mark.parametrize(
+    "rows", [1, pytest.param(2, marks=pytest.mark.slow), pytest.param(30, marks=pytest.mark.slow)]
+)
 def test_a_run_that_stopped_early_has_its_pictures(tmp_path: Path, rows: int) -> None:
     assert len(draw(make(tmp_path / "stopped", [0.03], every=10, stop=rows))) == 3
 

@@ -28,12 +28,17 @@ def plate(folder: Path, text: str, name: str = "plate.geo") -> GeometryFile:
 @pytest.mark.parametrize(
     "text",
     [
-        PLATE,
-        POINTS + LINES + LOOP + GROUPS,
         (PLATE + "\n").replace("\n", "\r\n") + "x=1;y=2;",
-        PLATE + " // the end",
-        PLATE.replace("\n", " "),
-        POINTS + LINES + "If (1) " + LOOP + GROUPS + " EndIf",
+        *(
+            pytest.param(text, marks=pytest.mark.slow)
+            for text in (
+                PLATE,
+                POINTS + LINES + LOOP + GROUPS,
+                PLATE + " // the end",
+                PLATE.replace("\n", " "),
+                POINTS + LINES + "If (1) " + LOOP + GROUPS + " EndIf",
+            )
+        ),
     ],
 )
 def test_statements_of_a_last_line_without_an_end_count(text: str, tmp_path: Path) -> None:

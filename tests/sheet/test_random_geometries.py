@@ -125,7 +125,9 @@ KINDS: tuple[Callable[[Generator], str], ...] = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("seed", range(50))
+@pytest.mark.parametrize(
+    "seed", [*range(8), *(pytest.param(s, marks=pytest.mark.slow) for s in range(8, 50))]
+)
 def test_a_random_geometry_is_meshed_with_its_area_and_edges(seed: int, tmp_path: Path) -> None:
     g = np.random.default_rng(seed)
     path = tmp_path / "sheet.geo"

@@ -110,6 +110,16 @@ def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(
     assert log.info.call_args.args[-1] == said
 
 
+def test_equal_expressions_have_one_kernel(cache: Path) -> None:
+    mesh = create_unit_square(MPI.COMM_WORLD, 1, 1)
+    for value in (1.0, 2.0):
+        both = [ufl.variable(fem.Constant(mesh, value)) for _ in "12"]
+        slope = ufl.diff(both[0] ** 3 * both[1], both[0])
+        compiled = assembly.compile_expression(slope, np.array([[0.3, 0.3]]))
+        assert compiled.eval(mesh, np.array([0], dtype=np.int32)) == pytest.approx(3 * value**3)
+    assert len(list(cache.rglob("*.c.cached"))) == 1
+
+
 def square(degree: int, *shape: int) -> tuple[Any, fem.Function, Any, Any]:
     """Return a mesh and a random field of a shape with a test and a trial function."""
     on = create_unit_square(MPI.COMM_SELF, 2, 2, ghost_mode=GhostMode.shared_facet)

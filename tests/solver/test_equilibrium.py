@@ -210,7 +210,7 @@ def test_a_solve_with_stress_at_points_whose_steps_become_tiny_ends(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     tiny = SHORTEST / 10
-    model = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction:coulomb"), CUBIC)
+    model = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction:coulomb"))
     monkeypatch.setattr(InteriorPoint, "correct", lambda _, step, __: (step, tiny))
     result, _ = one_step(model, LARGE)
     assert result.reason == "DIVERGED_LINE_SEARCH"

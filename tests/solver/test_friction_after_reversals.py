@@ -34,6 +34,7 @@ UNBALANCED: dict[str, Any] = {
 }
 
 
+@pytest.mark.slow
 def test_sharp_friction_goes_on_at_points_from_the_stresses_that_were_there_last() -> None:
     """Else the instant reversal takes 13 iterations."""
     law = "effects.slip_friction={strength: 1e5, slope: 1e6}"
@@ -44,7 +45,9 @@ def test_sharp_friction_goes_on_at_points_from_the_stresses_that_were_there_last
     assert not sum(step.cutbacks for step in run.steps)
 
 
-@pytest.mark.parametrize(("size", "number"), [("50 mm", 20), ("25 mm", 12)])
+@pytest.mark.parametrize(
+    ("size", "number"), [("50 mm", 20), pytest.param("25 mm", 12, marks=pytest.mark.slow)]
+)
 def test_steps_after_a_reversal_are_not_cut_where_one_family_hardly_bends(
     size: str, number: int
 ) -> None:

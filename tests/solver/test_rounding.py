@@ -40,6 +40,7 @@ def test_rounding_far_below_the_force_ends_a_solve_without_another_step() -> Non
         assert (found is not None) is ends
 
 
+@pytest.mark.slow
 def test_degrees_agree_on_slivers_at_corners() -> None:
     """Fibres that nearly follow an edge: by rounding, forces of degree 5 were 5 % off."""
     document: dict[str, Any] = {

@@ -44,12 +44,12 @@ def forced(names: tuple[str, ...], scheme: str, program: Program) -> tuple[list[
 @pytest.mark.parametrize(
     ("law", "scheme"),
     [
-        ("bonded", "bdf2"),
+        pytest.param("bonded", "bdf2", marks=pytest.mark.slow),
         ("slip", "bdf2"),
         ("slip", "midpoint"),
-        ("slip", "backward-euler"),
-        ("spin", "bdf2"),
-        ("coulomb", "bdf2"),
+        pytest.param("slip", "backward-euler", marks=pytest.mark.slow),
+        pytest.param("spin", "bdf2", marks=pytest.mark.slow),
+        pytest.param("coulomb", "bdf2", marks=pytest.mark.slow),
     ],
 )
 def test_the_displacements_of_a_loop_are_found_from_its_forces(law: str, scheme: str) -> None:

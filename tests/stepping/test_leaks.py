@@ -38,7 +38,15 @@ def objects_alive(folder: Path) -> dict[str, int]:
     return {name: int(made) - int(gone) for name, made, gone in rows if name != "Viewer"}
 
 
-@pytest.mark.parametrize("name", ["bias-1x3", "coulomb", "force-cycles", "compression"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("bias-1x3", marks=pytest.mark.slow),
+        "coulomb",
+        pytest.param("force-cycles", marks=pytest.mark.slow),
+        pytest.param("compression", marks=pytest.mark.slow),
+    ],
+)
 def test_simulations_that_are_dropped_leave_no_object(name: str, tmp_path: Path) -> None:
     PETSc.Log.begin()
     case = read_case(CONFIGS / f"{name}.yaml", SMALL[:-1] if name == "force-cycles" else SMALL)

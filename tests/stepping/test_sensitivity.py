@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from runpy import run_path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -15,13 +16,14 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tests import scenes
-from wovenfab.case import read_case
+from wovenfab.case import Case, read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms import effects
-from wovenfab.forms.effect import Effect, Target, Term
+from wovenfab.forms.effect import Target, Term
 from wovenfab.forms.table import TABLE, ForceTable
 from wovenfab.model.constraints import EdgeLoad, Grip
 from wovenfab.model.model import Model, build_model
+from wovenfab.solver import equilibrium
 from wovenfab.solver.problem import SolverOptions
 from wovenfab.stepping.program import cycle, program_of
 from wovenfab.stepping.schemes import SCHEMES
@@ -40,6 +42,9 @@ VALUES = {
 #: Changes of parameters whose remainders are compared, and remainders that are round-off.
 SHARES, ROUND_OFF = (2e-2, 1e-2), 5e-6
 LOOP = program_of(cycle(0.0, 0.03, 0.3, 8))
+#: All smooth laws of Table 1, with the memory of every scheme: tests share these kernels.
+SMOOTH = (*scenes.COUPLED, "slip_friction", "spin_friction")
+NUMERICS = replace(scenes.PROTOTYPE, history=max(scheme.memory for scheme in SCHEMES.values()))
 
 
 def curves(
@@ -50,12 +55,12 @@ def curves(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return force and dissipated energy of each step, or their derivatives by the targets."""
     of.field.x.array[:] = 0
-    equilibrium = scenes.solver(of, grips, PRECISE)
-    stepper = TimeStepper(equilibrium, LOOP, SCHEMES[scheme], 1 / 64)
+    solver = scenes.solver(of, grips, PRECISE)
+    stepper = TimeStepper(solver, LOOP, SCHEMES[scheme], 1 / 64)
     if targets:
         stepper.differentiate(targets)
     steps = list(stepper.steps())
-    equilibrium.destroy()
+    solver.destroy()
     if targets:
         rows = [step.derivatives for step in steps]
         assert all(rows)
@@ -82,22 +87,28 @@ def changed(of: Model, target: Target, share: float) -> Iterator[float]:
         constant.value = before
 
 
-def remainders(
-    of: Model, target: Target, share: float, **how: Any
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what is left of force and loss after their first-order change, relative to that."""
-    base, slopes = curves(of, **how), curves(of, [target], **how)
-    rest = []
-    with changed(of, target, share) as change:
-        for now, before, slope in zip(curves(of, **how), base, slopes, strict=True):
-            first = change * slope[:, 0]
-            rest.append(np.abs(now - before - first).max() / (np.abs(first).max() or 1.0))
-    return rest[0], rest[1]
+def assert_second_order(of: Model, targets: Sequence[Target], **how: Any) -> None:
+    """Test that what derivatives leave of a change is as of second order, for force and loss."""
+    base, slopes = curves(of, **how), curves(of, targets, **how)
+    for k, target in enumerate(targets):
+        rest = []
+        for share in SHARES:
+            with changed(of, target, share) as change:
+                first = [change * slope[:, k] for slope in slopes]
+                ways = [now - before for now, before in zip(curves(of, **how), base, strict=True)]
+            rest.append(
+                [
+                    np.abs(way - line).max() / (np.abs(line).max() or 1.0)
+                    for way, line in zip(ways, first, strict=True)
+                ]
+            )
+        for large, small in zip(*rest, strict=True):
+            assert falls_by_half(large, small), (target, large, small)
 
 
-def scene(names: Sequence[str], values: Any = VALUES, **more: Any) -> Model:
-    on = scenes.sheet(0.6, 0.3, 0.15)
-    return scenes.model(on, names, scenes.PROTOTYPE_TWO_STEPS, values, **more)
+def scene(names: Sequence[str], values: Any = VALUES, mesh_size: float = 0.3, **more: Any) -> Model:
+    on = scenes.sheet(0.6, 0.3, mesh_size)
+    return scenes.model(on, names, NUMERICS, values, **more)
 
 
 def falls_by_half(large: float, small: float) -> bool:
@@ -105,51 +116,52 @@ def falls_by_half(large: float, small: float) -> bool:
     return large < ROUND_OFF or (small < 0.02 and 1.85 < large / small < 2.15)
 
 
-def parameters() -> list[tuple[str, str]]:
-    """Return each parameter of each effect with its first law, which is smooth."""
-    return [(name, p.name) for name, effect in effects().items() for p in effect.parameters]
+def parameters(names: Sequence[str]) -> list[Target]:
+    """Return each parameter of some effects of the catalogue."""
+    return [Target(name, p.name) for name in names for p in effects()[name].parameters]
 
 
-def names_with(effect: Effect) -> tuple[str, ...]:
-    base = scenes.COUPLED if effect.needs.placements == 2 else scenes.BONDED
-    if "shearing" in effect.resists and not effect.dissipative:
-        base = tuple(n for n in base if n != "shear")
-    return (*base, effect.name) if effect.name not in base else base
+#: Effects that can do without those of SMOOTH, with what they need.
+OTHERS = ("crimp", "power_shear", "viscous_slip")
 
 
-@pytest.mark.parametrize(("name", "parameter"), parameters())
+@pytest.mark.parametrize(
+    ("names", "targets"),
+    [
+        (("stretch", "power_shear"), parameters(["stretch", "power_shear"])),
+        pytest.param(SMOOTH, parameters(SMOOTH), marks=pytest.mark.slow),
+        pytest.param(
+            ("stretch", "bending", "coupling", *OTHERS), parameters(OTHERS), marks=pytest.mark.slow
+        ),
+    ],
+    ids=["elastic", "every smooth law", "every other"],
+)
 def test_what_the_derivative_leaves_falls_with_the_square_of_the_change(
-    name: str, parameter: str
+    names: Sequence[str], targets: Sequence[Target]
 ) -> None:
-    of, target = scene(names_with(effects()[name])), Target(name, parameter)
-    large, small = (remainders(of, target, share) for share in SHARES)
-    for a, b in zip(large, small, strict=True):
-        assert falls_by_half(a, b)
+    assert {*SMOOTH, *OTHERS} == {*effects()}
+    assert_second_order(scene(names), targets)
 
 
-def test_the_same_holds_for_an_effect_of_the_user() -> None:
+def test_the_same_holds_for_an_effect_of_the_user_and_the_factor_of_a_table() -> None:
     own = run_path(str(ROOT / "docs" / "examples" / "my_effect.py"))["EFFECT"]
-    chosen = [scenes.effect("stretch"), scenes.effect("bending"), own]
-    on = scenes.sheet(0.6, 0.3, 0.15)
-    values = {**VALUES, "my_effect": {"stiffness": 400.0}}
-    of = build_model(on, [Term(e, values[e.name]) for e in chosen], (), scenes.PROTOTYPE)
-    target = Target("my_effect", "stiffness")
-    (large, _), (small, _) = (remainders(of, target, share) for share in SHARES)
-    assert falls_by_half(large, small)
-
-
-@pytest.mark.parametrize("name", ["shear", "stretch"])
-def test_the_same_holds_for_the_factor_of_a_table(name: str) -> None:
-    given = {
-        "shear": {"scale": 1.2, TABLE: ForceTable((0.01, 0.02), (2.0, 5.0))},
-        "stretch": {"scale": (1.0, 1.2), TABLE: (ForceTable((0.01, 0.02), (2e5, 9e5)),) * 2},
+    chosen = [scenes.effect("stretch:table"), scenes.effect("bending"), own]
+    on = scenes.sheet(0.6, 0.3, 0.3)
+    table = (ForceTable((0.01, 0.02), (2e5, 9e5)),) * 2
+    values = {
+        **VALUES,
+        "my_effect": {"stiffness": 400.0},
+        "stretch": {"scale": (1.0, 1.2), TABLE: table},
     }
-    names = [f"{n}:table" if n == name else n for n in scenes.BONDED]
-    of = scene(names, {**VALUES, name: given[name]})
-    (large, _), (small, _) = (
-        remainders(of, Target(name, "scale", (1,)), share) for share in SHARES
-    )
-    assert falls_by_half(large, small)
+    of = build_model(on, [Term(e, values[e.name]) for e in chosen], (), scenes.PROTOTYPE)
+    assert_second_order(of, [Target("my_effect", "stiffness"), Target("stretch", "scale", (1,))])
+
+
+@pytest.mark.slow
+def test_the_same_holds_for_the_factor_of_a_table_of_shear() -> None:
+    names = [f"{n}:table" if n == "shear" else n for n in scenes.BONDED]
+    table = {"scale": 1.2, TABLE: ForceTable((0.01, 0.02), (2.0, 5.0))}
+    assert_second_order(scene(names, {**VALUES, "shear": table}), [Target("shear", "scale")])
 
 
 #: Parameters of all kinds.
@@ -161,86 +173,73 @@ TARGETS = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("scheme", "target"),
-    [
-        pytest.param(
-            scheme, target, marks=[] if scheme == "bdf2" or j == i % 4 else pytest.mark.slow
-        )
-        for i, scheme in enumerate(SCHEMES)
-        for j, target in enumerate(TARGETS)
-    ],
-    ids=str,
-)
-def test_derivatives_are_those_of_the_scheme(scheme: str, target: Target) -> None:
-    names = (*scenes.COUPLED, "slip_friction", "spin_friction")
-    memory = SCHEMES[scheme].memory
-    numerics = replace(scenes.PROTOTYPE, history=memory)
-    of = scenes.model(scenes.sheet(0.6, 0.3, 0.15), names, numerics, VALUES)
-    force, lost = differences(of, target, scheme=scheme)
-    assert force < 1e-5 and lost < 1e-5
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_derivatives_are_those_of_the_scheme(scheme: str) -> None:
+    assert differences(scene(SMOOTH), TARGETS, scheme=scheme).max() < 1e-5
 
 
-def differences(of: Model, target: Target, share: float = 1e-4, **how: Any) -> tuple[float, float]:
-    """Return the distances from central differences of force and loss, over their size."""
-    slopes, sides = curves(of, [target], **how), []
-    for side in (share, -share):
-        with changed(of, target, side) as change:
-            sides.append(curves(of, **how))
-    result = []
-    for slope, up, down in zip(slopes, *sides, strict=True):
-        difference = (up - down) / (2 * abs(change))
-        size = np.abs(difference).max() or 1.0
-        result.append(float(np.abs(slope[:, 0] - difference).max() / size))
-    return result[0], result[1]
+def differences(
+    of: Model, targets: Sequence[Target], share: float = 1e-4, **how: Any
+) -> NDArray[np.float64]:
+    """Return the distances from central differences of force and loss, over their size.
+
+    Their shape is (parameters, 2).
+    """
+    slopes, result = curves(of, targets, **how), []
+    for k, target in enumerate(targets):
+        sides = []
+        for side in (share, -share):
+            with changed(of, target, side) as change:
+                sides.append(curves(of, **how))
+        for slope, up, down in zip(slopes, *sides, strict=True):
+            difference = (up - down) / (2 * abs(change))
+            size = np.abs(difference).max() or 1.0
+            result.append(np.abs(slope[:, k] - difference).max() / size)
+    return np.array(result).reshape(-1, 2)
 
 
 @pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
-@pytest.mark.parametrize(
-    "target",
-    [
+def test_derivatives_with_stress_at_points_agree_with_differences(scheme: str) -> None:
+    # Steps at which points begin to slide have kinks, so that differences are less exact.
+    targets = [
         Target("slip_friction", "strength"),
         Target("coupling", "stiffness"),
         Target("bending", "stiffness"),
-    ],
-    ids=str,
-)
-def test_derivatives_with_stress_at_points_agree_with_differences(
-    scheme: str, target: Target
+    ]
+    of = scene((*scenes.COUPLED, "slip_friction:coulomb"), mesh_size=0.15)
+    assert differences(of, targets, share=1e-5, scheme=scheme).max() < 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("parameter", ["strength", "slope"])
+def test_smooth_friction_that_needs_its_stress_at_points_has_derivatives(
+    parameter: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # Steps at which points begin to slide have kinks, so that differences are less exact.
-    of = scene((*scenes.COUPLED, "slip_friction:coulomb"))
-    force, lost = differences(of, target, share=1e-5, scheme=scheme)
-    assert force < 1e-3 and lost < 1e-3
-
-
-@pytest.mark.parametrize("parameter", ["strength", pytest.param("slope", marks=pytest.mark.slow)])
-def test_smooth_friction_that_needs_its_stress_at_points_has_derivatives(parameter: str) -> None:
+    at_points = Mock(wraps=equilibrium.with_friction_stress)
+    monkeypatch.setattr(equilibrium, "with_friction_stress", at_points)
     sharp = {**VALUES, "slip_friction": {"strength": 199.2e3, "slope": 1e5}}
-    of = scene((*scenes.COUPLED, "slip_friction"), sharp)
-    force, lost = differences(of, Target("slip_friction", parameter))
-    assert force < 1e-3 and lost < 1e-3
+    of = scene(SMOOTH, sharp, 0.15)
+    assert differences(of, [Target("slip_friction", parameter)]).max() < 1e-3
+    assert at_points.called
 
 
 def test_dead_loads_and_held_directions_are_part_of_it() -> None:
     load = EdgeLoad("top", (0, 1), (0.0, 30.0))
-    of = scene((*scenes.COUPLED, "slip_friction"), loads=[load], rotation_edges=["left", "right"])
-    for target in (Target("bending", "stiffness"), Target("shear", "stiffness")):
-        force, lost = differences(of, target)
-        assert force < 1e-5 and lost < 1e-5
+    of = scene(scenes.BONDED, loads=[load], rotation_edges=["left", "right"])
+    targets = [Target("bending", "stiffness"), Target("shear", "stiffness")]
+    assert differences(of, targets).max() < 1e-5
 
 
 def test_a_run_is_the_same_with_derivatives() -> None:
-    of = scene((*scenes.COUPLED, "slip_friction"))
+    of = scene(SMOOTH)
     plain = curves(of)[0]
     stepped = scenes.run(of, LOOP, PRECISE, scheme="bdf2").steps
     np.testing.assert_array_equal(plain, [s.reactions["right"][0] for s in stepped])
 
 
 def test_a_parameter_that_the_scene_lacks_is_refused_by_name() -> None:
-    of = scene(scenes.BONDED)
-    with pytest.raises(TargetError, match=r"slip_friction\.slope is no parameter of this scene"):
-        curves(of, [Target("slip_friction", "slope")])
+    with pytest.raises(TargetError, match=r"crimp\.stiffness is no parameter of this scene"):
+        curves(scene(SMOOTH), [Target("crimp", "stiffness")])
 
 
 #: A formula for each of these parameters, the coefficient that changes, and its change: from, to.
@@ -252,21 +251,35 @@ FORMULAS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("scene", "most"),
-    [("bias-1x3", 1e-5), pytest.param("coulomb", 1e-2, marks=pytest.mark.slow)],
-)
+#: Cases, and how near differences come.
+CASES = [
+    ("small", 1e-5),
+    pytest.param("bias-1x3", 1e-5, marks=pytest.mark.slow),
+    pytest.param("coulomb", 1e-2, marks=pytest.mark.slow),
+]
+
+
+def case_of(name: str) -> Case:
+    """Return a case of ``configs``, with one short cycle; or a small one without sliding yarns."""
+    settings: dict[str, Any] = {
+        "program.amplitudes": "[40 mm]",
+        "time.steps_per_cycle": "8",
+        "solver.tolerance": 1e-12,
+    }
+    if name == "small":
+        name, elastic = "bias-1x3", {"stretch": "1e5 N/m", "shear": "400 N/m"}
+        settings["effects"] = {effect: {"stiffness": value} for effect, value in elastic.items()}
+        settings["discretisation"] = {"degree": 2, "mesh_size": "0.3 m"}
+    return read_case(ROOT / "configs" / f"{name}.yaml", settings)
+
+
+@pytest.mark.parametrize(("scene", "most"), CASES)
 @pytest.mark.parametrize(
     "name", ["shear.stiffness", pytest.param("slip_friction.strength", marks=pytest.mark.slow)]
 )
 def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, most: float) -> None:
     formula, coefficient, value, *others = FORMULAS[name]
-    settings = {
-        "program.amplitudes": "[40 mm]",
-        "time.steps_per_cycle": "8",
-        "solver.tolerance": 1e-12,
-    }
-    base = read_case(ROOT / "configs" / f"{scene}.yaml", settings)
+    base = case_of(scene)
     target = Target(*name.split("."), coefficient=coefficient)  # type: ignore[misc]
 
     def run(text: str, targets: Sequence[Target] = ()) -> Any:
@@ -288,7 +301,7 @@ def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, mo
 
 
 def test_a_coefficient_that_no_formula_has_is_refused() -> None:
-    case = read_case(ROOT / "configs" / "bias-1x3.yaml")
+    case = case_of("small")
     refused = pytest.raises(TargetError, match=r"shear\.stiffness#1 is no parameter")
     with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation, refused:
         differentiate(simulation, case, [Target("shear", "stiffness", coefficient=1)])
@@ -296,7 +309,9 @@ def test_a_coefficient_that_no_formula_has_is_refused() -> None:
 
 @pytest.mark.mpi
 def test_ranks_share_the_derivatives_of_a_case_whose_placements_jump() -> None:
-    settings = {"program.amplitudes": "[40 mm]", "time.steps_per_cycle": "8"}
+    settings = {
+        "program.amplitudes": "[40 mm]", "time.steps_per_cycle": "8", "discretisation.degree": "2"
+    }  # fmt: skip
     case = read_case(ROOT / "configs" / "bias-1x3.yaml", settings)
     targets = [Target("bending", "stiffness"), Target("slip_friction", "slope")]
     rows = []

@@ -79,6 +79,7 @@ def test_smaller_tolerances_make_smaller_errors_and_hit_reversals() -> None:
     assert abs(errors[0]) < 0.05
 
 
+@pytest.mark.slow
 def test_steps_shrink_where_friction_lets_go_and_grow_where_nothing_happens() -> None:
     """After a ramp the sheet creeps for about half a second, and then rests."""
     program = program_of([ramp(0.0, 0.02, 0.1, 1), ramp(0.02, 0.02, 10.0, 2)])

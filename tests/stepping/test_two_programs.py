@@ -180,7 +180,7 @@ def test_derivatives_by_parameters_see_the_second_program() -> None:
     assert derivatives.dissipated[0] == pytest.approx((more - less) / 4e3, rel=1e-3)
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+@pytest.mark.parametrize("scheme", ["bdf2", pytest.param("midpoint", marks=pytest.mark.slow)])
 def test_a_program_in_proportion_is_a_formula_of_the_first(scheme: str) -> None:
     def with_top(program: str, share: str) -> dict[str, Any]:
         force = [f"{share} kN/m * {program}/1 mm", 0]

@@ -75,7 +75,10 @@ def test_no_module_imports_from_a_layer_above_its_own() -> None:
     ] == []
 
 
-@pytest.mark.parametrize("layer", CORE)
+@pytest.mark.parametrize(
+    "layer",
+    [c if c == CORE[-1] else pytest.param(c, marks=pytest.mark.slow) for c in CORE],
+)
 def test_the_library_knows_neither_files_of_cases_nor_what_shows_results(layer: str) -> None:
     """Each module of a layer is imported in a fresh interpreter, as a script would."""
     names = sorted(

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import wovenfab.study.errors.choice as plan_module
-from tests.study.test_estimate import ALONE, case_of, elements, sheet
+from tests.study.test_estimate import ALONE, SPIN, case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.case.objects import simulation_of
 from wovenfab.sheet.sheet import Sheet
@@ -68,6 +68,7 @@ def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> 
 REPEATED = "once more with twice the steps, for they cannot be made"
 
 
+@pytest.mark.slow
 def test_trials_of_an_elastic_sheet_whose_steps_cannot_be_made_are_not_repeated() -> None:
     """Its steps have no error, so that they are cut."""
     few = "solver.max_iterations=2", "solver.predictor=none", "solver.factor=renewed"
@@ -92,7 +93,7 @@ def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_for_all_de
 
     monkeypatch.setattr(plan_module, "response_with_degree", response)
     ramp = "program={type: ramp, to: 20 mm, steps: 8, velocity: 0.1 m/s}"
-    case = case_of("bias-1x3", ramp, "accuracy=5 %", "discretisation=null", "time=null")
+    case = case_of("bonded-1x3", ramp, SPIN, "accuracy=5 %", "discretisation=null", "time=null")
     chosen, lines = planned(case)
     assert lines.count(REPEATED) == 1
     assert tried[:5] == [(2, FEW), (3, FEW), *((degree, 2 * FEW) for degree in (2, 3, 4))]
@@ -157,7 +158,7 @@ def test_a_guess_that_misleads_costs_few_iterations_and_one_that_cannot_be_none(
     "law",
     [
         pytest.param("law: coulomb", id="Coulomb", marks=pytest.mark.slow),
-        pytest.param("slope: 1e3 s/m", id="smooth"),
+        pytest.param("slope: 1e3 s/m", id="smooth", marks=pytest.mark.slow),
     ],
 )
 def test_a_fabric_whose_yarns_stick_gets_a_graded_mesh(

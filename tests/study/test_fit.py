@@ -200,6 +200,7 @@ def test_a_run_that_fails_is_a_rejected_trial(
     assert values == pytest.approx(TRUTH, rel=1e-2)
 
 
+@pytest.mark.slow
 def test_two_tests_are_fitted_side_by_side(tmp_path: Path) -> None:
     text = FIT.replace(
         "parameters",

@@ -49,11 +49,14 @@ def force(of: Case) -> float:
             Target("bending", "stiffness"), ["0.1 N*m", "0.02 N*m"],
             ["0.101 N*m", "0.0202 N*m"], ["0.099 N*m", "0.0198 N*m"],
         ),
-        (
+        pytest.param(
             Target("bending", "stiffness", (1,)), ["0.1 N*m", "0.02 N*m"],
-            ["0.1 N*m", "0.0202 N*m"], ["0.1 N*m", "0.0198 N*m"],
+            ["0.1 N*m", "0.0202 N*m"], ["0.1 N*m", "0.0198 N*m"], marks=pytest.mark.slow,
         ),
-        (Target("shear", "stiffness"), FORMULA, f"1.01 * {FORMULA}", f"0.99 * {FORMULA}"),
+        pytest.param(
+            Target("shear", "stiffness"), FORMULA, f"1.01 * {FORMULA}", f"0.99 * {FORMULA}",
+            marks=pytest.mark.slow,
+        ),
         (
             Target("shear", "stiffness", coefficient=3), FORMULA,
             FORMULA.replace("0.2", "0.202"), FORMULA.replace("0.2", "0.198"),

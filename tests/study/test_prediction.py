@@ -164,6 +164,7 @@ def test_the_band_is_the_scatter_of_runs_with_parameters_drawn_from_the_covarian
     assert half / 2 < 0.9 * alone  # the correlation counts
 
 
+@pytest.mark.slow
 def test_a_fit_leaves_a_file_from_which_another_size_is_predicted(tmp_path: Path) -> None:
     case(tmp_path, STRIP.replace("VALUE", "500 N/m"))
     noise = np.random.default_rng(2).standard_normal(10)

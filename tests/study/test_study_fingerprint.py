@@ -104,7 +104,7 @@ def test_the_code_that_chooses_elements_counts_where_they_are_chosen(
 @pytest.mark.parametrize(
     ("change", "matters"),
     [
-        ("", False),
+        pytest.param("", False, marks=pytest.mark.slow),
         ('"""Another docstring."""\n# a comment\n', False),
         ("SOMETHING = 1\n", True),
     ],

@@ -181,7 +181,7 @@ def test_equal_steps_are_whole_again_after_shorter_first_ones() -> None:
     assert 24 < response_of(case, sheet(case)).count <= 28
 
 
-@pytest.mark.parametrize("target", [0.004, 0.001])
+@pytest.mark.parametrize("target", [0.004, pytest.param(0.001, marks=pytest.mark.slow)])
 def test_equal_steps_meet_the_peak(target: float) -> None:
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), target)
     search = StepSearch(case, ALONE, str)

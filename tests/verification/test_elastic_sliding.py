@@ -110,6 +110,7 @@ def test_gradual_sliding_in_a_picture_frame_follows_masings_rules(tmp_path: Path
     assert found[-1].stored["spin_friction"] == pytest.approx(held, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_balance_of_growing_strength_closes_with_the_square_of_the_step(tmp_path: Path) -> None:
     friction = {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"}
     misses = []
@@ -133,10 +134,10 @@ def scene(name: str, **values: Any) -> Any:
     ("name", "law", "parameter"),
     [
         ("slip_friction", "elastic", "stiffness"),
-        ("spin_friction", "iwan", "strength"),
         *(
             pytest.param(*scene, marks=pytest.mark.slow)
             for scene in (
+                ("spin_friction", "iwan", "strength"),
                 ("slip_friction", "elastic", "strength"),
                 ("slip_friction", "iwan", "strength"),
                 ("slip_friction", "iwan", "stiffness"),
@@ -150,8 +151,8 @@ def scene(name: str, **values: Any) -> Any:
 def test_derivatives_agree_with_differences(name: str, law: str, parameter: str) -> None:
     slips = name == "slip_friction"
     values = {"strength": 2e4, "stiffness": 1e8} if slips else {"strength": 30.0, "stiffness": 1e3}
-    force, lost = differences(scene(f"{name}:{law}", **values), Target(name, parameter), 1e-5)
-    assert force < 1e-3 and lost < 1e-3
+    of = scene(f"{name}:{law}", **values)
+    assert differences(of, [Target(name, parameter)], 1e-5).max() < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -203,6 +204,7 @@ def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
         assert (parts[name] == values).all(), name
 
 
+@pytest.mark.slow
 @pytest.mark.mpi
 def test_two_ranks_agree_with_one() -> None:
     case = sample(ELASTIC, time={"steps_per_cycle": 8})

@@ -53,7 +53,7 @@ def picture_frame(folder: Path, angles: Array, friction: Mapping[str, Any], **mo
     )
 
 
-@pytest.mark.parametrize("steps", [8, 16])
+@pytest.mark.parametrize("steps", [pytest.param(8, marks=pytest.mark.slow), 16])
 def test_coulomb_friction_in_a_picture_frame_has_its_closed_form(
     steps: int, tmp_path: Path
 ) -> None:
@@ -74,6 +74,7 @@ def test_coulomb_friction_in_a_picture_frame_has_its_closed_form(
     assert found[-1].dissipated["spin_friction"] == pytest.approx(loss, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_the_balance_of_energy_closes_with_the_square_of_the_step(tmp_path: Path) -> None:
     misses = []
     for steps in (8, 16, 32):
@@ -101,12 +102,17 @@ def scene(name: str, strength: Any, scheme: str = "bdf2", size: float = 0.15) ->
 
 
 SCENES = [
-    ("slip_friction", "bdf2"),
     ("spin_friction", "bdf2"),
-    pytest.param("spin_friction", "midpoint", marks=pytest.mark.slow),
-    ("slip_friction:coulomb", "bdf2"),
-    ("spin_friction:coulomb", "bdf2"),
-    pytest.param("spin_friction:coulomb", "midpoint", marks=pytest.mark.slow),
+    *(
+        pytest.param(*scene, marks=pytest.mark.slow)
+        for scene in (
+            ("spin_friction:coulomb", "bdf2"),
+            ("slip_friction", "bdf2"),
+            ("spin_friction", "midpoint"),
+            ("slip_friction:coulomb", "bdf2"),
+            ("spin_friction:coulomb", "midpoint"),
+        )
+    ),
 ]
 
 
@@ -125,7 +131,12 @@ def test_largest_force_and_loss_are_of_second_order_in_the_step(name: str, schem
 
 
 @pytest.mark.parametrize(
-    "name", ["slip_friction:coulomb", "spin_friction", "spin_friction:coulomb"]
+    "name",
+    [
+        "spin_friction",
+        pytest.param("slip_friction:coulomb", marks=pytest.mark.slow),
+        pytest.param("spin_friction:coulomb", marks=pytest.mark.slow),
+    ],
 )
 def test_newton_needs_no_more_iterations_than_with_constant_strength(name: str) -> None:
     program = program_of(cycle(0.0, 0.04, 4.0, 20))
@@ -155,12 +166,13 @@ def sample(friction: Mapping[str, Any], **more: Any) -> Case:
         },
         boundary={"left": "clamp", "right": {"displacement": ["program", 0]}},
         program={"type": "cycles", "amplitudes": "40 mm", "frequency": "1 Hz"},
-        discretisation={"degree": 2, "mesh_size": 0.15},
+        discretisation={"degree": 2, "mesh_size": 0.3},
         output={"pictures": False, "checkpoint": 2},
         **more,
     )
 
 
+@pytest.mark.slow
 def test_strength_by_a_formula_is_that_of_the_same_function() -> None:
     case = sample({"law": "coulomb", "strength": GROWING}, time={"steps_per_cycle": 12})
     terms = [
@@ -189,7 +201,8 @@ LAWS = [
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("scheme", [pytest.param("bdf2", marks=pytest.mark.slow), "midpoint"])
+@pytest.mark.slow  # elastic friction that grows goes on in make test
+@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
 def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
     scheme: str, law: dict[str, str], tmp_path: Path
 ) -> None:

@@ -63,7 +63,12 @@ def test_cells_that_share_a_value_share_yarns(shape: Outline, angles: Angles) ->
 
 
 @pytest.mark.parametrize(
-    ("shape", "angles"), [(tee(), (45, -45)), (with_hole(), (45, -45)), (tee(), (30, -60))]
+    ("shape", "angles"),
+    [
+        (with_hole(), (45, -45)),
+        pytest.param(tee(), (45, -45), marks=pytest.mark.slow),
+        pytest.param(tee(), (30, -60), marks=pytest.mark.slow),
+    ],
 )
 def test_notched_and_pierced_sheets_converge(shape: Outline, angles: Angles) -> None:
     sheets = (aligned(shape, angles, mesh_size) for mesh_size in (0.1, 0.05))
@@ -83,7 +88,14 @@ def test_without_lines_the_space_is_the_usual_one() -> None:
 
 @pytest.mark.mpi
 @pytest.mark.mpi4
-@pytest.mark.parametrize("shape", [SHAPES["rectangle"], tee(), with_hole()])
+@pytest.mark.parametrize(
+    "shape",
+    [
+        with_hole(),
+        pytest.param(SHAPES["rectangle"], marks=pytest.mark.slow),
+        pytest.param(tee(), marks=pytest.mark.slow),
+    ],
+)
 def test_jumps_are_the_same_on_all_ranks(shape: Outline) -> None:
     results = []
     for comm in (MPI.COMM_WORLD, MPI.COMM_SELF):

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 import gc
 import importlib
+import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from itertools import count, product
 from typing import Any
 
@@ -26,7 +27,7 @@ from ffcx.ir.analysis.valuenumbering import ValueNumberer
 from ffcx.ir.elementtables import get_ffcx_table_values, permute_quadrature_interval
 from ufl.algorithms import apply_derivatives
 from ufl.algorithms.map_integrands import map_integrand_dags
-from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, ReferenceGrad
+from ufl.classes import Dot, FormArgument, GeometricQuantity, Grad, Label, ReferenceGrad
 from ufl.corealg.multifunction import MultiFunction
 from ufl.corealg.traversal import unique_pre_traversal
 
@@ -383,6 +384,18 @@ def _symbols_of(numbering: Any, expression: Any) -> Any:
     return numbering.V_symbols[numbering.G.e2i[expression]]
 
 
+def _label_data(label: Any, numbering: dict[Any, int]) -> tuple[str, int]:
+    """Return what stands for a variable's label in a signature.
+
+    UFL takes how many labels there were before, so that no two expressions had the same kernel.
+    """
+    return "Label", numbering.setdefault(label, len(numbering))
+
+
+#: Setuptools looks for its plug-ins six times a kernel, in the files of all packages.
+_entry_points = cache(importlib.metadata.entry_points)
+
+
 def _no_files() -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the options of the user's and of the current folder's file: none."""
     return {}, {}
@@ -403,6 +416,8 @@ def own_kernels() -> Iterator[None]:
         replaced(apply_derivatives, "grad_to_reference_grad", gradient),
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
+        replaced(Label, "_ufl_signature_data_", _label_data),
+        replaced(importlib.metadata, "entry_points", _entry_points),
         replaced(ffcx.options, "_load_options", _no_files),
         replaced(dolfinx.jit, "_load_options", _no_files),
     ):
