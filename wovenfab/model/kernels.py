@@ -11,10 +11,9 @@ from __future__ import annotations
 
 import gc
 import importlib
-import importlib.metadata
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from itertools import count, product
 from typing import Any
 
@@ -392,10 +391,6 @@ def _label_data(label: Any, numbering: dict[Any, int]) -> tuple[str, int]:
     return "Label", numbering.setdefault(label, len(numbering))
 
 
-#: Setuptools looks for its plug-ins six times a kernel, in the files of all packages.
-_entry_points = cache(importlib.metadata.entry_points)
-
-
 def _no_files() -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the options of the user's and of the current folder's file: none."""
     return {}, {}
@@ -417,7 +412,6 @@ def own_kernels() -> Iterator[None]:
         replaced(FFCX_KERNELS, "IntegralGenerator", writer.generator),
         replaced(ValueNumberer, "get_node_symbols", _symbols_of),
         replaced(Label, "_ufl_signature_data_", _label_data),
-        replaced(importlib.metadata, "entry_points", _entry_points),
         replaced(ffcx.options, "_load_options", _no_files),
         replaced(dolfinx.jit, "_load_options", _no_files),
     ):
