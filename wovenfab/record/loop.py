@@ -82,6 +82,15 @@ class Loop:
     force: Values
     work: Values
 
+    def size(self, unit: str) -> float:
+        """Return the size (SI) of that of which a figure with a unit is a part or a difference.
+
+        A width is one of forces, and a loop energy one of works. Pure numbers and angles have 1.
+        """
+        strain, force = self.strain[np.isfinite(self.strain)], self.force[np.isfinite(self.force)]
+        most, span = float(np.abs(force).max(initial=0.0)), float(np.ptp(strain))
+        return {"N/m": most, "J/m^2": most * span, "N/(m·rad)": most / (span or 1.0)}.get(unit, 1.0)
+
     @cached_property
     def branches(self) -> tuple[Branch, ...]:
         """The branches in order; a rest, such as a hold, ends one."""
