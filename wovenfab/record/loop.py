@@ -154,6 +154,10 @@ class Loop:
 
 
 def work_per_area(history: Columns, area: float) -> Values:
-    """Return the external work since the start over an area (m^2), J/m^2, from the history."""
-    work = history["work_J"]
+    """Return the external work since the start over an area (m^2), J/m^2, from the history.
+
+    It is the energy stored and lost, where a run knows both: a sum of the forces over its steps
+    misses the work by the imbalance, by which a curve bends between them.
+    """
+    work = history["work_J"] - history.get("imbalance_J", 0.0)
     return np.asarray((work - work[:1]) / area)

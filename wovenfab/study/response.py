@@ -73,7 +73,7 @@ class Response:
     """The response of a case at its planned times, or at all times where steps adapt.
 
     Attributes:
-        steps: The initial state and the steps at these times, without stored energies.
+        steps: The initial state and the steps at these times; with stored energies for tests.
         outcome: Effort of all steps.
         model: The model, whose field is that of the largest force.
         states: The field by time, its unknowns with ghosts; empty unless asked for.
@@ -132,8 +132,8 @@ class Response:
     @property
     def history(self) -> Columns:
         """The columns of ``history.csv`` of which figures of tests are made."""
-        work = np.array([s.work for s in self.steps])
-        return columns_of(self.displacements, self.forces, work)
+        stored = np.array([sum(s.stored.values()) for s in self.steps])
+        return columns_of(self.displacements, self.forces, stored + self.dissipated)
 
     def _figures_of_tests(self) -> dict[str, float]:
         found = dict[str, float]()
@@ -191,7 +191,8 @@ def response_of(
     budget = budget or Budget()
     with simulation_of(case, sheet, model=model) as simulation:
         newton, unknowns, counted = simulation.solver.newton, simulation.model.unknowns, 0
-        simulation.stepper.measures_energy = False  # no figure is made of it
+        tests = simulation.output.tests
+        simulation.stepper.measures_energy = bool(tests)  # no other figure is made of it
         field = simulation.model.field.x.array
         at_peak, largest = field.copy(), 0.0
         prolongation = None
@@ -236,7 +237,7 @@ def response_of(
         states,
         breaks_of(case),
         loaded,
-        simulation.output.tests,
+        tests,
     )
 
 
