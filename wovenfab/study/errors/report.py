@@ -188,7 +188,8 @@ def report_errors(
     answer = history["displacement_m" if loaded else "force_N"]
     curve = ForceCurve(history["time_s"], answer, breaks_of(case))
     missed = dict.fromkeys(PEAKS, curve.missed_peak()) if steps else {}
-    of_tests = {name_of(t, n): v for t, of in summary["figures"].items() for n, v in of.items()}
+    tests = summary.get("figures", {})
+    of_tests = {name_of(test, name): v for test, of in tests.items() for name, v in of.items()}
     values = {**summary, **of_tests}
     if loaded and len(answer):
         values["peak_displacement_m"] = peak_force(answer)
