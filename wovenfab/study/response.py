@@ -40,6 +40,9 @@ NOTHING = 1e-6
 #: Figure of a standard test, over the size of what it is a difference of, that is none: a loop that
 #: is no wider than curves between few steps are wrong.
 NO_LOOP = 1e-3
+#: Units of figures that are not judged: a largest angle is prescribed, and a locking angle, where
+#: two chords meet, changes with each number of steps.
+UNJUDGED = ("rad",)
 #: Unknowns of a tangent whose work is 1, and the power of unknowns by which work grows: the time
 #: to form and solve is so within a factor of two for one and two placements of degree 2 to 5, with
 #: and without friction. On two processors, 1 then takes about 0.1 s.
@@ -140,7 +143,7 @@ class Response:
         for test in self.tests:
             loop = test.loop(self.history)
             for name, figure in test.figures(self.history).items():
-                if figure.value is not None:
+                if figure.value is not None and figure.unit not in UNJUDGED:
                     least = NO_LOOP * loop.size(figure.unit)
                     known = figure.value if abs(figure.value) > least else 0.0
                     found[name_of(test.name, name)] = known
