@@ -161,6 +161,13 @@ def test_a_linear_elastic_tension_is_linear_and_gives_all_back() -> None:
     assert found == pytest.approx(expected | {"loop energy": 0.0}, rel=1e-12, abs=1e-12)
 
 
+def test_a_force_that_ends_at_nothing_but_for_its_tolerance_gives_all_back() -> None:
+    """A program of forces ends a little above zero or below it by chance."""
+    strain = path((0.0, 0.04, 1e-7), (20, 20))
+    found = values(KesTension(JAWS).figures(history(DISTANCE * strain, 1.2e4 * WIDTH * strain)))
+    assert found["RT"] == pytest.approx(1.0, rel=1e-6)
+
+
 def test_a_parabolic_tension_has_two_thirds_of_the_work() -> None:
     """F = a e^2 has WT = a e^3 / 3 and LT = 2/3, which finer steps approach."""
     strain = path((0.0, 0.04), (400,))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from math import inf
+from math import exp, inf
 from signal import SIGTERM
 
 import pytest
+from scipy.integrate import trapezoid
 
 from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
 from wovenfab.case import Case, CyclesSection, RampSection, read_case
@@ -24,7 +25,9 @@ from wovenfab.study.errors.step_search import (
 from wovenfab.study.errors.steps import DISSIPATED, error_and_order
 from wovenfab.study.response import (
     Budget,
+    Response,
     TooLongError,
+    breaks_of,
     response_of,
     trial_of,
     with_elements,
@@ -32,7 +35,7 @@ from wovenfab.study.response import (
 )
 
 
-@pytest.mark.parametrize("order", [1.0, 1.7, 3.0])
+@pytest.mark.parametrize("order", [0.4, 1.0, 1.7, 3.0])
 def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_schemes(
     order: float,
 ) -> None:
@@ -45,6 +48,51 @@ def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_sch
     assert error >= 3 * 50**-order * (1 - 1e-9)
     assert shown <= 1.5
     assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
+
+
+def test_steps_longer_than_friction_takes_to_follow_a_jump_are_known_to_be_too_long() -> None:
+    """The loss then changes the more the shorter steps become, which shows no order."""
+    counts = 12, 24, 48
+    missed = [exp(-n / 100) for n in counts]
+    error, order = error_and_order(counts, [1 - m for m in missed], 3)
+    assert missed[-1] < -error < 2 * missed[-1]
+    assert order < 1
+
+
+def test_the_force_may_turn_where_the_velocity_jumps() -> None:
+    ramps = "program=[{type: ramp, to: 5 mm, duration: 1 s}, {type: hold, duration: 2 s}]"
+    assert breaks_of(case_of("bias-1x3", ramps)) == (0.0, 1.0)
+    assert breaks_of(case_of("bias-1x3", CYCLE)) == ()
+
+
+def _sum_to_the_largest_strain(response: Response) -> float:
+    loop = response.tests[0].loop(response.history)
+    end = int(loop.strain.argmax()) + 1
+    return float(trapezoid(loop.force[:end], loop.strain[:end]))
+
+
+def test_few_steps_are_enough_for_the_work_of_a_tension_test_and_their_error_is_judged() -> None:
+    """Nothing is lost: the work is the energy stored, and the area under the curve of more steps.
+
+    A sum over as many steps of a curve that bends is wrong by more.
+    """
+    table = "effects.stretch={law: table, table: {strain: '2, 4, 6 %', force: '60, 240, 540 N/m'}}"
+    fabric = CONFIGS / "fabrics" / "unbalanced.yaml"
+    test = read_case(CONFIGS / "tests" / "kes-tension.yaml", (table,), fabric)
+    case = trial_of(with_elements(test, degree=2, mesh_size=0.05), 0.01)
+    assert not case.needs.history
+    chosen = StepSearch(case.model_copy(update={"accuracy": None}), ALONE, str).steps_for(0.01)
+    assert chosen is not None
+    response = response_of(chosen.of(case), sheet(case))
+    more = response_of(with_steps(case, 2), sheet(case), model=response.model)
+    by_sum, area = (_sum_to_the_largest_strain(r) for r in (response, more))
+    true = response.figures["kes-tension: WT"] / area - 1
+    print(f"\n{response.count} steps: WT {true:.2e}, sum {by_sum / area - 1:.2e}")
+    assert by_sum > 1.005 * area
+    assert abs(true) < 1e-3
+    assert abs(chosen.errors["kes-tension: WT"]) < 1e-4
+    assert response.figures["kes-tension: LT"] == pytest.approx(2 / 3, rel=0.02)
+    assert response.figures["kes-tension: loop energy"] == 0
 
 
 @pytest.mark.slow

@@ -10,13 +10,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import isfinite, pi
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.record.reading import damaged, read_object
 from wovenfab.record.results import FIGURES, FIGURES_TABLE, rows_of, write_csv, write_whole
+
+if TYPE_CHECKING:
+    from wovenfab.record.loop import Loop
 
 Values = NDArray[np.float64]
 #: Columns of ``history.csv``.
@@ -94,6 +97,9 @@ class StandardTest(Protocol):
     """
 
     name: ClassVar[str]
+
+    def loop(self, history: Columns) -> Loop:
+        """Return the loop of force against strain or angle of which its figures are read."""
 
     def figures(self, history: Columns) -> dict[str, Figure]:
         """Return its figures by name, from the columns of ``history.csv``."""

@@ -82,6 +82,15 @@ class Loop:
     force: Values
     work: Values
 
+    def size(self, unit: str) -> float:
+        """Return the size (SI) of that of which a figure with a unit is a part or a difference.
+
+        A width is one of forces, and a loop energy one of works. Pure numbers and angles have 1.
+        """
+        strain, force = self.strain[np.isfinite(self.strain)], self.force[np.isfinite(self.force)]
+        most, span = float(np.abs(force).max(initial=0.0)), float(np.ptp(strain))
+        return {"N/m": most, "J/m^2": most * span, "N/(m·rad)": most / (span or 1.0)}.get(unit, 1.0)
+
     @cached_property
     def branches(self) -> tuple[Branch, ...]:
         """The branches in order; a rest, such as a hold, ends one."""
@@ -145,6 +154,10 @@ class Loop:
 
 
 def work_per_area(history: Columns, area: float) -> Values:
-    """Return the external work since the start over an area (m^2), J/m^2, from the history."""
-    work = history["work_J"]
+    """Return the external work since the start over an area (m^2), J/m^2, from the history.
+
+    It is the energy stored and lost, where a run knows both: a sum of the forces over its steps
+    misses the work by the imbalance, by which a curve bends between them.
+    """
+    work = history["work_J"] - history.get("imbalance_J", 0.0)
     return np.asarray((work - work[:1]) / area)

@@ -29,6 +29,7 @@ from wovenfab.study.errors.choice import COARSEST, SCHEME
 from wovenfab.study.errors.meshes import has_free_size, shorter_side, with_cells
 from wovenfab.study.response import (
     NOTHING,
+    depends_on_steps,
     has_fixed_steps,
     trial_of,
     with_elements,
@@ -111,7 +112,7 @@ def finer(runs: Sequence[SweepRun], folder: Path) -> tuple[SweepRun, Member] | N
 def finer_case(case: Case) -> Case:
     """Return the case of a run with finer cells of another degree, and with shorter steps.
 
-    Those of an elastic sheet have no error, and stay as they are.
+    Those on which nothing depends, such as of an elastic sheet, stay as they are.
     """
     d, tolerance = case.discretisation, case.time.tolerance
     degree, share = d.degree + 1, FINER
@@ -119,7 +120,7 @@ def finer_case(case: Case) -> Case:
         degree, share = d.degree - 1, FINER_BY_FAR
     size = None if d.mesh_size is None else share * d.mesh_size
     better = with_elements(case, degree=degree, mesh_size=size)
-    if not case.needs.history:
+    if not depends_on_steps(case):
         return better
     return with_steps(better, SHORTER, None if tolerance is None else tolerance / SHORTER**2)
 
@@ -199,7 +200,8 @@ class Priced:
         """Return what a run costs, and its errors against the summary of the finer answer."""
         summary, case = read_summary(run.directory), read_case(run.directory / CASE)
         times, said = summary["wall_time_s"], summary.get("accuracy", {})
-        stated = [figure["relative_error"] for figure in said.get("figures", {}).values()]
+        known = said.get("figures", {})
+        stated = [known[name]["relative_error"] for name in FIGURES if name in known]
         return Priced(
             run.member.label,
             run.member.case.accuracy,

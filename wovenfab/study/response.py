@@ -21,6 +21,7 @@ from wovenfab.case import Case, CyclesSection, RampSection
 from wovenfab.case.objects import simulation_of
 from wovenfab.case.program import prescribe_forces, program_of_case
 from wovenfab.model.model import Model
+from wovenfab.record.figures import Columns, StandardTest, columns_of
 from wovenfab.record.history import peak_force
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.simulation.progress import InterruptedRunError
@@ -36,6 +37,12 @@ LOOSE = 0.1
 #: Dissipated energy, over the largest force times the largest displacement, that is none: friction
 #: that nowhere slides leaves as much by rounding.
 NOTHING = 1e-6
+#: Figure of a standard test, over the size of what it is a difference of, that is none: a loop that
+#: is no wider than curves between few steps are wrong.
+NO_LOOP = 1e-3
+#: Units of figures that are not judged: a largest angle is prescribed, and a locking angle, where
+#: two chords meet, changes with each number of steps.
+UNJUDGED = ("rad",)
 #: Unknowns of a tangent whose work is 1, and the power of unknowns by which work grows: the time
 #: to form and solve is so within a factor of two for one and two placements of degree 2 to 5, with
 #: and without friction. On two processors, 1 then takes about 0.1 s.
@@ -69,12 +76,13 @@ class Response:
     """The response of a case at its planned times, or at all times where steps adapt.
 
     Attributes:
-        steps: The initial state and the steps at these times, without stored energies.
+        steps: The initial state and the steps at these times; with stored energies for tests.
         outcome: Effort of all steps.
         model: The model, whose field is that of the largest force.
         states: The field by time, its unknowns with ghosts; empty unless asked for.
-        breaks: Times at which the force may jump, s.
+        breaks: Times at which the force may jump or turn, s.
         loaded: Whether the program prescribes the force, which the displacement answers.
+        tests: Standard tests whose figures are judged.
     """
 
     steps: tuple[Step, ...]
@@ -83,6 +91,7 @@ class Response:
     states: Mapping[float, Array]
     breaks: tuple[float, ...] = ()
     loaded: bool = False
+    tests: tuple[StandardTest, ...] = ()
 
     @property
     def times(self) -> Array:
@@ -112,15 +121,33 @@ class Response:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The peak of what answers the program, and all the energy dissipated (J).
+        """The peak of what answers the program, all energy dissipated (J), and those of tests (SI).
 
-        That is zero if it is next to nothing. Under a prescribed force the peak is that of the
-        displacement (m), and else of the force (N).
+        Energies and figures are zero if they are next to nothing. Under a prescribed force the
+        peak is that of the displacement (m), and else of the force (N). Figures that the steps do
+        not tell are left out.
         """
         force, travel = peak_force(self.forces), peak_force(self.displacements)
         loss, least = float(self.dissipated[-1]), NOTHING * abs(force * travel)
         peak = {"peak_displacement_m": travel} if self.loaded else {"peak_force_N": force}
-        return {**peak, "dissipated_J": loss if loss > least else 0.0}
+        return {**peak, "dissipated_J": loss if loss > least else 0.0, **self._figures_of_tests()}
+
+    @property
+    def history(self) -> Columns:
+        """The columns of ``history.csv`` of which figures of tests are made."""
+        stored = np.array([sum(s.stored.values()) for s in self.steps])
+        return columns_of(self.displacements, self.forces, stored + self.dissipated)
+
+    def _figures_of_tests(self) -> dict[str, float]:
+        found = dict[str, float]()
+        for test in self.tests:
+            loop = test.loop(self.history)
+            for name, figure in test.figures(self.history).items():
+                if figure.value is not None and figure.unit not in UNJUDGED:
+                    least = NO_LOOP * loop.size(figure.unit)
+                    known = figure.value if abs(figure.value) > least else 0.0
+                    found[name_of(test.name, name)] = known
+        return found
 
     @property
     def count(self) -> int:
@@ -160,12 +187,15 @@ def response_of(
         InterruptedRunError: If a signal ends it.
     """
     every = case.time.tolerance is not None
+    # Figures that a zone measures are not judged: it is not recorded.
+    case = case.model_copy(update={"output": case.output.model_copy(update={"probes": {}})})
     steps: list[Step] = []
     states: dict[float, Array] = {}
     budget = budget or Budget()
     with simulation_of(case, sheet, model=model) as simulation:
         newton, unknowns, counted = simulation.solver.newton, simulation.model.unknowns, 0
-        simulation.stepper.measures_energy = False  # no figure is made of it
+        tests = simulation.output.tests
+        simulation.stepper.measures_energy = bool(tests)  # no other figure is made of it
         field = simulation.model.field.x.array
         at_peak, largest = field.copy(), 0.0
         prolongation = None
@@ -203,14 +233,40 @@ def response_of(
             raise InterruptedRunError(outcome.signal)
         field[:] = at_peak
     loaded = any(prescribe_forces(case.program))
-    return Response(tuple(steps), outcome, simulation.model, states, breaks_of(case), loaded)
+    return Response(
+        tuple(steps),
+        outcome,
+        simulation.model,
+        states,
+        breaks_of(case),
+        loaded,
+        tests,
+    )
+
+
+def name_of(test: str, figure: str) -> str:
+    """Return the name of a figure of a standard test among all that are judged."""
+    return f"{test}: {figure}"
+
+
+def depends_on_steps(case: Case) -> bool:
+    """Return whether figures depend on the steps: with history, or where a test sums over them."""
+    return case.needs.history or bool(case.figures)
 
 
 def breaks_of(case: Case) -> tuple[float, ...]:
-    """Return the times (s) at which the force may jump: reversals, if friction has no rate."""
-    jumps = any(e.effect.set_valued for e in case.scene) or not case.needs.rate
-    reverses = case.needs.history and jumps
-    return tuple(sorted(program_of_case(case).reversals)) if reverses else ()
+    """Return the times (s) at which the force may jump or turn.
+
+    These are reversals where friction has no rate, and jumps of the velocity where it has one.
+    """
+    if not depends_on_steps(case):
+        return ()
+    program, times = program_of_case(case), set[float]()
+    if case.needs.rate:
+        times |= {m.time for m in program.milestones if m.jump}
+    if not case.needs.rate or any(e.effect.set_valued for e in case.scene):
+        times |= program.reversals
+    return tuple(sorted(times))
 
 
 def with_elements(case: Case, **changes: object) -> Case:
@@ -222,13 +278,13 @@ def with_elements(case: Case, **changes: object) -> Case:
 def trial_of(case: Case, accuracy: float) -> Case:
     """Return a shorter case with the same accuracy: only the largest cycle, no extra times.
 
-    Where nothing depends on the past, a cycle is only the way to its largest displacement.
+    Where nothing depends on steps, a cycle is only the way to its largest displacement.
     Forces balance to the root of the solver's tolerance at least; responses will be compared to
     the accuracy.
     """
     program = tuple(_largest_cycle(s) if isinstance(s, CyclesSection) else s for s in case.program)
     match program:
-        case (CyclesSection(amplitudes=(largest,)),) if not case.needs.history:
+        case (CyclesSection(amplitudes=(largest,)),) if not depends_on_steps(case):
             program = (RampSection(to=largest),)
     tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})

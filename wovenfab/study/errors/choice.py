@@ -41,6 +41,7 @@ from wovenfab.study.response import (
     Budget,
     Response,
     TooLongError,
+    depends_on_steps,
     has_fixed_steps,
     trial_of,
     with_elements,
@@ -124,7 +125,7 @@ def plan(
     time = case.time
     if case.needs.rate and "scheme" not in time.model_fields_set:
         time = time.model_copy(update={"scheme": SCHEME})
-    if not case.needs.history:
+    if not depends_on_steps(case):
         time = time.model_copy(update={"steps_per_cycle": WITHOUT_ERROR})
     base = case.model_copy(update={"accuracy": None, "time": time})
     sheet = mesher(base, comm)
@@ -135,7 +136,7 @@ def plan(
     few = 1.0 if has_fixed_steps(base) else FEW
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
     search, steps, error_of_few = None, None, 0.0
-    if base.needs.history:
+    if depends_on_steps(base):
         coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
         coarse = trial_of(coarse, share)
         search = StepSearch(coarse, comm, report, limits.patience, mesher)

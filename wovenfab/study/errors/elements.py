@@ -100,7 +100,7 @@ class DegreeRefinement:
         return {
             name: self.error([f[name] for f in figures], degree) / value
             for name, value in figures[self.degrees.index(degree)].items()
-            if value
+            if value and all(name in f for f in figures)
         }
 
 

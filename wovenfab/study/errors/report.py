@@ -25,7 +25,7 @@ from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
 from wovenfab.study.errors.steps import PEAKS
 from wovenfab.study.force_curve import ForceCurve
-from wovenfab.study.response import breaks_of
+from wovenfab.study.response import breaks_of, depends_on_steps, name_of
 
 Array = NDArray[np.float64]
 
@@ -153,12 +153,14 @@ def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
         case: The case with the accuracy.
     """
     estimate = chosen.estimate
+    elements: dict[str, float | None] = {**estimate.space} if estimate else {}
+    if estimate and not estimate.resolved:
+        elements = dict.fromkeys(elements)  # not known
     return {
         "wanted": case.accuracy,
         "shortfall": chosen.shortfall,
-        "elements": estimate.space if estimate else {},
+        "elements": elements,
         "steps": estimate.time if estimate else None,
-        "resolved": estimate is None or estimate.resolved,
     }
 
 
@@ -190,13 +192,14 @@ def report_errors(
     answer = history["displacement_m" if loaded else "force_N"]
     curve = ForceCurve(history["time_s"], answer, breaks_of(case))
     missed = dict.fromkeys(PEAKS, curve.missed_peak()) if steps else {}
-    values = dict(summary)
+    tests = summary.get("figures", {})
+    of_tests = {name_of(test, name): v for test, of in tests.items() for name, v in of.items()}
+    values = {**summary, **of_tests}
     if loaded and len(answer):
         values["peak_displacement_m"] = peak_force(answer)
-    resolved = errors.get("resolved", True)  # not in checkpoints of 0.9.0
     figures = {
-        name: _error(values[name], share, steps, name, missed.get(name, 0.0), resolved)
-        for name, share in errors["elements"].items()
+        name: _error(values[name], errors["elements"].get(name), steps, name, missed.get(name, 0.0))
+        for name in {**errors["elements"], **(steps or {})}
         if values.get(name) is not None
     }
     if not shortfall and any(
@@ -210,7 +213,7 @@ def report_errors(
     if directory is not None:
         write_summary(directory, more)
     for name, error in entry.get("figures", {}).items():
-        say(_told(error, *WORDS[name]))
+        say(_told(error, *WORDS.get(name, (name, ""))))
     if shortfall:
         say(_missed(shortfall, wanted))
     return more
@@ -218,20 +221,20 @@ def report_errors(
 
 def _error(
     value: float,
-    elements: float,
+    elements: float | None,
     steps: Mapping[str, float] | None,
     name: str,
     missed: float,
-    resolved: bool,
 ) -> dict[str, Any]:
     """Return the errors of a figure; None of what is not known."""
-    known = resolved and (steps is None or name in steps)
     of_steps = (steps or {}).get(name)
-    relative = stated_error(elements, of_steps or 0.0, missed) if known else None
+    relative = None
+    if elements is not None and (steps is None or name in steps):
+        relative = stated_error(elements, of_steps or 0.0, missed)
     return {
         "value": value,
         "error": None if relative is None else relative * abs(value),
-        "error_of_elements": elements * value if resolved else None,
+        "error_of_elements": None if elements is None else elements * value,
         "error_of_steps": None if of_steps is None else (of_steps - missed) * value,
         "relative_error": relative,
     }
@@ -242,7 +245,7 @@ def _told(error: Mapping[str, Any], words: str, unit: str) -> str:
     if error["relative_error"] is None:
         return f"{words}: its error is not known"
     share, size = _percent(error["relative_error"]), error["error"]
-    return f"{words}: estimated error {share} ({size:.3g} {unit})"
+    return f"{words}: estimated error {share}" + (f" ({size:.3g} {unit})" if unit else "")
 
 
 def _missed(shortfall: str, accuracy: float) -> str:
@@ -255,7 +258,7 @@ def _percent(share: float) -> str:
 
 def _steps(case: Case) -> str:
     """Return the steps in words."""
-    if not case.needs.history:
+    if not depends_on_steps(case):
         return ""
     steps, tolerance = f"{case.planned_steps} steps", case.time.tolerance
     if all(isinstance(segment, CyclesSection) for segment in case.program):

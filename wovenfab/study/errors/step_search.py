@@ -190,7 +190,7 @@ class StepSearch:
             self._larger = {
                 name: max(1.0, abs(own.figures[name] / value))
                 for name, value in other.figures.items()
-                if value
+                if value and name in own.figures
             }
 
     def steps_for(self, target: float, meanwhile: Iterable[object] = ()) -> TimeSteps | None:
@@ -251,7 +251,8 @@ class StepSearch:
                     break
                 known, number = [], 2 * number
                 continue
-            known = [*(r for r in known if APART * r.count <= response.count), response]
+            fewer = (r for r in known if APART * r.count <= response.count)
+            known = [*(r for r in fewer if response.figures.keys() <= r.figures.keys()), response]
             tangents, growth = response.outcome.iterations, 2.0
             if len(known) >= 3:
                 refinement = StepRefinement(known[-3:], scheme_of(self._trial).order)

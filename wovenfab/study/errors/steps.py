@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from math import log
 
-from wovenfab.study.errors.refinement import error_of_degrees
+from wovenfab.study.errors.refinement import SLOWEST, error_of_degrees, exponent
 from wovenfab.study.response import Response
 
 #: The peak of what answers the program: the force, or the displacement under a prescribed force.
 PEAKS = ("peak_force_N", "peak_displacement_m")
 PEAK, DISSIPATED = PEAKS[0], "dissipated_J"
+#: Least order that is believed. Steps that are longer than friction takes to follow a jump of the
+#: velocity let the loss change as much from one number of steps to the next.
+SLOWEST_ORDER = 0.25
 
 
 def error_and_order(
@@ -27,10 +31,16 @@ def error_and_order(
         values: The values.
         highest: Order of the scheme.
     """
+    first, second = (a - b for a, b in pairwise(values))
+    growth = counts[2] / counts[1]
+    if first * second > 0:
+        order = exponent(counts, first / second, highest, SLOWEST_ORDER)
+        if order < SLOWEST:
+            return second / (growth**order - 1), order
     _, middle, last = error_of_degrees(counts, values, highest)
     if not last:
         return 0.0, highest
-    return last, min(log(middle / last) / log(counts[2] / counts[1]), highest)
+    return last, min(log(middle / last) / log(growth), highest)
 
 
 @dataclass(frozen=True)
@@ -38,7 +48,7 @@ class StepRefinement:
     """Responses with three numbers of steps on the same elements.
 
     Attributes:
-        responses: The responses, one after another.
+        responses: The responses, one after another; all have the figures of the last.
         highest: Order of the scheme.
     """
 
@@ -51,13 +61,11 @@ class StepRefinement:
         That of the peak is the error of the curve; what steps miss of it is another matter.
         """
         counts = [r.count for r in self.responses]
-        values = {
-            **{peak: [r.curve.peak_of_spline()[1] for r in self.responses] for peak in PEAKS},
-            DISSIPATED: [r.figures[DISSIPATED] for r in self.responses],
-        }
+        peaks = [r.curve.peak_of_spline()[1] for r in self.responses]
         result = {}
         for name, value in self.responses[-1].figures.items():
             if value:
-                error, order = error_and_order(counts, values[name], self.highest)
+                values = peaks if name in PEAKS else [r.figures[name] for r in self.responses]
+                error, order = error_and_order(counts, values, self.highest)
                 result[name] = error / abs(value), order
         return result

@@ -155,7 +155,8 @@ def computed(
         raise TrialError(str(error)) from error
     none = np.zeros(len(targets))
     rows = [s.derivatives.force if s.derivatives else none for s in steps]
-    u, f, work = np.array([(s.displacement, s.force, s.work) for s in steps]).T
+    u, f = np.array([(s.displacement, s.force) for s in steps]).T
+    work = np.array([sum(s.stored.values()) + sum(s.dissipated.values()) for s in steps])
     seconds = perf_counter() - started
     return ResponseCurve(u, f, work, np.array(rows), _turns(u), seconds, fields=fields)
 
