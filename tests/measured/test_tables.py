@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -270,9 +271,15 @@ def test_clouds_of_several_programs_are_read(
     np.testing.assert_allclose(moved, [[0.25e-3, -0.5e-3], [0.75e-3, 1.5e-3]])
 
 
-def test_a_file_without_an_end_is_refused() -> None:
+def test_a_file_without_an_end_is_refused(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")  # nobody writes into it
+    for path in (Path("/dev/zero"), tmp_path / "pipe.csv"):
+        with pytest.raises(CaseError, match="not an ordinary file"):
+            read_measured(path)
+    with (tmp_path / "large.csv").open("wb") as file:
+        file.truncate(10**10)  # takes no room on the disk
     with pytest.raises(CaseError, match="too large"):
-        read_measured(Path("/dev/zero"))
+        read_measured(tmp_path / "large.csv")
 
 
 def test_lines_that_repeat_the_header_are_told(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ import pytest
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from wovenfab.case import Case, read_case
+from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.stepping.step import Step
@@ -89,3 +89,12 @@ def test_simulations_that_live_at_the_same_time_do_not_disturb_each_other() -> N
 def _steps(case: Case, sheet: Sheet) -> list[Step]:
     with simulation_of(case, sheet) as simulation:
         return list(simulation.steps())
+
+
+def test_a_state_that_is_not_there_leaves_no_options(tmp_path: Path) -> None:
+    changes = (*SMALL, f"from_state={tmp_path}")
+    case = read_case(CONFIGS / "elastic-1x3.yaml", changes)
+    before = PETSc.Options().getAll()
+    with pytest.raises(CaseError, match="checkpoint"):
+        simulation_of(case, sheet_of(case, MPI.COMM_SELF))
+    assert PETSc.Options().getAll() == before

@@ -216,6 +216,32 @@ def test_what_is_no_result_of_a_fit_is_refused(
         read_fitted(tmp_path / "fit.json")
 
 
+@pytest.mark.parametrize(
+    "damage",
+    [
+        {"covariance": [[-1.0, 0.0], [0.0, 1.0]]},
+        {"covariance": [[1.0, 3e4], [3e4, 1e8]]},
+        {"covariance": [[1.0, 5.0], [0.0, 1e8]]},
+        {"covariance": [[float("nan"), 0.0], [0.0, 1.0]]},
+        {"quantile": -2.0},
+        {"quantile": float("inf")},
+        {"shift": [0.0, float("nan")]},
+        {"unseen": [[float("nan"), 0.0]]},
+    ],
+    ids=str,
+)
+def test_a_band_that_no_fit_leaves_is_refused(damage: dict[str, Any], tmp_path: Path) -> None:
+    joint = {"covariance": [[1.0, 9e3], [9e3, 1e8]], "quantile": 2.0, "shift": [0.0, 0.0]}
+    values = {name: {"value": 1.0, "at_bound": ""} for name in ("a.b", "c.d")}
+    text = json.dumps({"parameters": values, "joint": joint | {"unseen": []}})
+    (tmp_path / "fit.json").write_text(text)
+    read_fitted(tmp_path / "fit.json")
+    text = json.dumps({"parameters": values, "joint": joint | {"unseen": []} | damage})
+    (tmp_path / "fit.json").write_text(text)
+    with pytest.raises(CaseError, match="damaged"):
+        read_fitted(tmp_path / "fit.json")
+
+
 def test_a_case_without_an_effect_of_the_fit_is_refused(tmp_path: Path) -> None:
     bias = case(tmp_path, BIAS)
     with pytest.raises(CaseError, match="bending"):

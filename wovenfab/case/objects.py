@@ -431,6 +431,8 @@ def simulation_of(
         model = model_of(case, sheet)
         require_memory(case, model.unknowns, model.comm)
         require_values(case, model)
+    starts = case.from_state is not None and not resumes
+    start = state_of(case, model) if starts else None  # before there are solvers to destroy
     try:
         simulation = Simulation(
             Problem(model),
@@ -448,8 +450,8 @@ def simulation_of(
     except OptionError as error:
         remedy = "They stand in solver.petsc, after -- on the command line or in PETSC_OPTIONS."
         raise CaseError([case.problem("solver.petsc", str(error), remedy)]) from error
-    if case.from_state is not None and not resumes:
-        simulation.start_at(state_of(case, model))
+    if start is not None:
+        simulation.start_at(start)
     return simulation
 
 

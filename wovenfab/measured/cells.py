@@ -53,9 +53,11 @@ def read_bytes(path: Path) -> bytes:
     """Return what is in a file.
 
     Raises:
-        CaseError: It cannot be read, or is too large.
+        CaseError: It cannot be read, is too large, or is no ordinary file: a pipe may never end.
     """
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise case_error(str(path), "this is not an ordinary file")
         with path.open("rb") as file:
             raw = file.read(LARGEST + 1)
     except OSError as error:

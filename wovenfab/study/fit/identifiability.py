@@ -297,9 +297,10 @@ def in_words(known: Identifiability, fit: Fit) -> list[str]:
             )
     for test, count in zip(fit.tests, known.unresolved, strict=True):
         if count and isinstance(test, MeasuredTest):
+            lie = "1 row lies" if count == 1 else f"{count} rows lie"
             lines.append(
-                f"{test.name}: {count} rows lie in steps in which friction reverses; "
-                "they tell only within such a step where that is. Smaller steps resolve more."
+                f"{test.name}: {lie} in steps in which friction reverses: this tells only within "
+                "such a step where that is. Smaller steps resolve more."
             )
     lines += unknown_in_words(known)
     for test, f in zip(fit.tests, known.fidelity, strict=True):

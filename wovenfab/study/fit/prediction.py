@@ -45,6 +45,8 @@ QUANTITIES = {
 }
 #: What numbers differ by in files and in a case.
 ROUNDING = 1e-9
+#: Share of its variances by which a covariance may be asymmetric, or negative in a direction.
+DAMAGED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -122,7 +124,22 @@ def read_fitted(path: Path) -> FittedValues:
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         message = "does not tell how far its parameters may be off together"
         raise case_error(str(file), message, f"{remedy} Repeat a fit of before.") from error
+    if not _is_possible(known):
+        message = "has a covariance, a quantile or changes that no fit gives: it is damaged"
+        raise case_error(str(file), message, f"{remedy} Repeat the fit.")
     return FittedValues(file, values, bounds, known)
+
+
+def _is_possible(joint: JointUncertainty) -> bool:
+    """Return whether all numbers are finite, and no variance is negative in any direction."""
+    numbers = (joint.covariance, joint.quantile, joint.shift, joint.unseen)
+    if not all(np.isfinite(part).all() for part in numbers) or joint.quantile <= 0:
+        return False
+    variances = np.diag(joint.covariance)
+    sizes = np.sqrt(np.where(variances > 0, variances, 1.0))  # units differ by many powers of ten
+    scaled = joint.covariance / np.outer(sizes, sizes)
+    alike = np.abs(scaled - scaled.T).max(initial=0.0) < DAMAGED
+    return bool(alike and np.linalg.eigvalsh(scaled).min(initial=0.0) > -DAMAGED)
 
 
 def fitted_case(case: Case, fitted: FittedValues) -> FittedCase:

@@ -261,8 +261,9 @@ class Comparison:
             return ""
         low, high = (f"{1e3 * end:.4g}" for end in self.reach)
         count = self.rows.size
+        are, lie = ("is" if count == 1 else "are"), ("lies" if self.beyond == 1 else "lie")
         return (
-            f"{count} of {count + self.beyond} rows are compared, {self.beyond} lie beyond the "
+            f"{count} of {count + self.beyond} rows {are} compared, {self.beyond} {lie} beyond the "
             f"displacements of the program, {low} to {high} mm"
         )
 
