@@ -33,6 +33,7 @@ def pulled() -> list[Step]:
         return list(simulation.steps())
 
 
+@pytest.mark.slow
 def test_sharply_bent_yarns_turn_in_one_step_by_the_positive_part_of_the_tangent(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

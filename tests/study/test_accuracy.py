@@ -113,6 +113,7 @@ def stated(path: Path, *overrides: str) -> dict[str, dict[str, float]]:
     return said["figures"]
 
 
+@pytest.mark.slow
 def test_the_displacement_under_a_force_has_the_error_of_the_force_under_a_displacement(
     tmp_path: Path,
 ) -> None:

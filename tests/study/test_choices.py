@@ -79,6 +79,7 @@ def test_trials_of_an_elastic_sheet_whose_steps_cannot_be_made_are_not_repeated(
     assert not chosen.shortfall
 
 
+@pytest.mark.slow
 def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_for_all_degrees(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

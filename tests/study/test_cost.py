@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 from mpi4py import MPI
 
 from tests.study.test_estimate import case_of
@@ -9,6 +10,7 @@ from wovenfab.case.objects import sheet_of
 from wovenfab.study.effects import measure
 
 
+@pytest.mark.slow
 def test_tangents_and_factors_are_parts_of_a_step() -> None:
     cycle = "program.amplitudes=40mm", "time.steps_per_cycle=80"
     case = case_of("bias-1x3", *cycle, "discretisation={degree: 2, mesh_size: 150 mm}")

@@ -285,6 +285,7 @@ def test_derivatives_by_every_parameter_agree_with_differences(scheme: str) -> N
     assert force.max() < 1e-3 and lost.max() < 1e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weaker", [2.0**-20, pytest.param(1e-6, marks=pytest.mark.slow)])
 def test_a_bound_that_starts_at_zero_is_solved_alike_on_a_weak_sheet(weaker: float) -> None:
     """A bound that grows from nothing has no scale of its own: that of the sheet counts.
