@@ -165,7 +165,7 @@ CYCLE = "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}"
 @pytest.mark.parametrize(
     ("name", "settings"),
     [
-        pytest.param("bias-1x3", (), id="two placements, slip", marks=pytest.mark.slow),
+        pytest.param("bias-1x3", (), id="two placements, slip"),
         pytest.param("spin-1x3", (), id="two placements, slip and spin", marks=pytest.mark.slow),
         pytest.param("bonded-1x3", (SPIN,), id="one placement, spin", marks=pytest.mark.slow),
     ],

@@ -87,7 +87,6 @@ def test_all_loops_are_in_one_picture(first: tuple[Path, str, str]) -> None:
     assert "to=-2 m" not in drawn
 
 
-@pytest.mark.slow
 def test_only_what_changed_or_failed_is_computed_again(first: tuple[Path, str, str]) -> None:
     folder, _, _ = first
     before = written(folder)
