@@ -32,7 +32,7 @@ from wovenfab.study.errors.estimate import Estimate, stated_error, worst
 from wovenfab.study.errors.meshes import Limits
 from wovenfab.study.errors.refinement import FASTEST_UNSHOWN, error_of_degrees
 from wovenfab.study.errors.report import errors_of, report_errors
-from wovenfab.study.errors.steps import DISSIPATED, PEAK, StepRefinement
+from wovenfab.study.errors.steps import StepRefinement
 from wovenfab.study.response import (
     prolongated,
     response_of,
@@ -43,6 +43,7 @@ from wovenfab.study.response import (
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ALONE = MPI.COMM_SELF
+PEAK, DISSIPATED = "peak_force_N", "dissipated_J"
 #: Between these an estimate over the true error is useful.
 LEAST, MOST = 0.5, 3.0
 

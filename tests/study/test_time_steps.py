@@ -8,7 +8,7 @@ from signal import SIGTERM
 import pytest
 from scipy.integrate import trapezoid
 
-from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, case_of, elements, sheet
+from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, DISSIPATED, case_of, elements, sheet
 from wovenfab.case import Case, CyclesSection, RampSection, read_case
 from wovenfab.case.program import program_of_case
 from wovenfab.simulation.progress import InterruptedRunError
@@ -22,7 +22,7 @@ from wovenfab.study.errors.step_search import (
     adaptive_steps,
     equal_steps,
 )
-from wovenfab.study.errors.steps import DISSIPATED, error_and_order
+from wovenfab.study.errors.steps import error_and_order
 from wovenfab.study.response import (
     Budget,
     Response,

@@ -139,10 +139,10 @@ class Response:
         return columns_of(self.displacements, self.forces, stored + self.dissipated)
 
     def _figures_of_tests(self) -> dict[str, float]:
-        found = dict[str, float]()
+        found, history = dict[str, float](), self.history
         for test in self.tests:
-            loop = test.loop(self.history)
-            for name, figure in test.figures(self.history).items():
+            loop = test.loop(history)
+            for name, figure in test.figures(history).items():
                 if figure.value is not None and figure.unit not in UNJUDGED:
                     least = NO_LOOP * loop.size(figure.unit)
                     known = figure.value if abs(figure.value) > least else 0.0
@@ -250,7 +250,7 @@ def name_of(test: str, figure: str) -> str:
 
 
 def depends_on_steps(case: Case) -> bool:
-    """Return whether figures depend on the steps: with history, or where a test sums over them."""
+    """Return whether figures depend on the steps: with history, or read between them by a test."""
     return case.needs.history or bool(case.figures)
 
 

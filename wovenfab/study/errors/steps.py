@@ -12,7 +12,6 @@ from wovenfab.study.response import Response
 
 #: The peak of what answers the program: the force, or the displacement under a prescribed force.
 PEAKS = ("peak_force_N", "peak_displacement_m")
-PEAK, DISSIPATED = PEAKS[0], "dissipated_J"
 #: Least order that is believed. Steps that are longer than friction takes to follow a jump of the
 #: velocity let the loss change as much from one number of steps to the next.
 SLOWEST_ORDER = 0.25
