@@ -21,7 +21,7 @@ from wovenfab.study.errors import report
 from wovenfab.study.errors.choice import Plan, plan
 from wovenfab.study.errors.elements import FEW, response_with_degree
 from wovenfab.study.errors.estimate import SAFETY
-from wovenfab.study.errors.report import UNKNOWN, report_errors
+from wovenfab.study.errors.report import NO_LOSS, report_errors
 from wovenfab.study.response import Response, response_of
 
 RAMP = "program={type: ramp, to: 20 mm, steps: 8}"
@@ -178,7 +178,7 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     """Steps are judged with coarse elements, of which all points may stick."""
     errors = {
         "wanted": 0.01,
-        "shortfall": UNKNOWN,
+        "shortfall": NO_LOSS,
         "elements": {"peak_force_N": 1e-3, "dissipated_J": 2e-3},
         "steps": {"peak_force_N": 1e-3},
     }
@@ -192,7 +192,7 @@ def test_the_error_of_a_loss_that_coarse_elements_do_not_have_counts_as_not_know
     assert loss["error_of_steps"] is loss["relative_error"] is loss["error"] is None
     assert loss["error_of_elements"] == pytest.approx(2 * 2e-3)
     assert force["error_of_steps"] == pytest.approx(1e-3)
-    assert said["shortfall"] == UNKNOWN and UNKNOWN in lines[-1]
+    assert said["shortfall"] == NO_LOSS and NO_LOSS in lines[-1]
     assert "dissipated: its error is not known" in lines
 
 
@@ -201,13 +201,15 @@ def test_steps_that_could_not_be_judged_are_told_before_the_run_without_an_error
 ) -> None:
     case = case_of("bias-1x3", "accuracy=1 %", "discretisation=null", "time=null")
     lines: list[str] = []
-    space = {"peak_force_N": 1e-3, "dissipated_J": 2e-3}
-    for judged, shortfall in ((space, ""), ({"peak_force_N": 1e-3}, UNKNOWN)):
+    space = {"peak_force_N": 1e-3, "dissipated_J": 2e-3, "test: width": 1e-3}
+    for left_out, told in (("", ""), ("dissipated_J", NO_LOSS), ("test: width", "test: width")):
+        judged = {name: error for name, error in space.items() if name != left_out}
         estimate = SimpleNamespace(space=space, time=judged, worst=4e-3, resolved=True)
         found = Plan(case, sheet(case), estimate)  # type: ignore[arg-type]
         monkeypatch.setattr(report, "plan", lambda *_, found=found, **__: found)
-        assert report.choose(case, sheet(case), lines.append, str).shortfall == shortfall
-    assert UNKNOWN in lines[-1] and "estimated error" not in lines[-1]
+        shortfall = report.choose(case, sheet(case), lines.append, str).shortfall
+        assert bool(shortfall) == bool(left_out) and told in shortfall and told in lines[-1]
+    assert "estimated error" not in lines[-1]
 
 
 @pytest.mark.parametrize(("phase", "missed"), [(0.0, False), (0.5, True)])

@@ -37,11 +37,10 @@ TRIALS = (1.63, 0.12, 0.17, 1.12, 0.21, 0.03, 0.23)
 RUN = (1.09, -0.06, -0.07, 1.05, 0.32, -0.02, 0.36)
 #: Angle to the mean of the families beyond which fibres are askew, rad.
 ASKEW = 0.01
-#: Why an accuracy counts as not reached where nothing slides in the trials of steps.
-UNKNOWN = (
-    "yarns slide with these elements, but not on the coarse mesh on which steps are judged; "
-    "compare with a run that has smaller cells and more steps"
-)
+#: Why an accuracy counts as not reached where nothing slides in the trials of steps, or where these
+#: lack another figure.
+NO_LOSS = "yarns slide with these elements, but not on the coarse mesh on which steps are judged"
+NO_FIGURE = "the coarse mesh on which steps are judged does not tell"
 #: Name and unit of the figures, as people read them.
 WORDS = {
     "peak_force_N": ("peak force", "N"),
@@ -72,9 +71,12 @@ def choose(
         return sheets[cells]
 
     chosen = plan(case, together, progress, mesher=mesher)
-    unknown = chosen.estimate is not None and not _is_known(chosen.estimate)
-    if unknown and not chosen.shortfall:
-        chosen = replace(chosen, shortfall=UNKNOWN)
+    unjudged = _unjudged(chosen.estimate)
+    unknown = bool(unjudged) or (chosen.estimate is not None and not chosen.estimate.resolved)
+    if unjudged and not chosen.shortfall:
+        why = NO_LOSS if "dissipated_J" in unjudged else f"{NO_FIGURE} {', '.join(unjudged)}"
+        more = "compare with a run that has smaller cells and more steps"
+        chosen = replace(chosen, shortfall=f"{why}; {more}")
     d = chosen.case.discretisation
     size = "" if d.mesh_size is None else f" of {1e3 * d.mesh_size:.4g} mm"
     graded = " on a graded mesh" if d.graded else ""
@@ -107,10 +109,11 @@ def settled(case: Case, comm: MPI.Comm, say: Callable[[str], None]) -> tuple[Cas
     return chosen.case, chosen.sheet
 
 
-def _is_known(estimate: Estimate) -> bool:
-    """Return whether elements resolve what happens, and steps were judged by all of its figures."""
-    judged = estimate.time is None or set(estimate.space) <= set(estimate.time)
-    return estimate.resolved and judged
+def _unjudged(estimate: Estimate | None) -> list[str]:
+    """Return the figures by which elements were judged, but not steps."""
+    if estimate is None or estimate.time is None:
+        return []
+    return [name for name in estimate.space if name not in estimate.time]
 
 
 def traits(case: Case) -> tuple[float, ...]:
