@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import exp, inf
 from signal import SIGTERM
+from types import SimpleNamespace
 
 import pytest
 from scipy.integrate import trapezoid
@@ -22,7 +23,7 @@ from wovenfab.study.errors.step_search import (
     adaptive_steps,
     equal_steps,
 )
-from wovenfab.study.errors.steps import error_and_order
+from wovenfab.study.errors.steps import StepRefinement, error_and_order
 from wovenfab.study.response import (
     Budget,
     Response,
@@ -48,6 +49,44 @@ def test_the_order_of_steps_is_what_three_numbers_show_but_not_more_than_the_sch
     assert error >= 3 * 50**-order * (1 - 1e-9)
     assert shown <= 1.5
     assert error_and_order(counts, [4.0] * 3, 3) == (0.0, 3)
+
+
+def test_errors_of_earlier_trials_are_their_distances_from_the_limit_but_not_by_chance() -> None:
+    counts = 10, 20, 40, 80
+    values = [4 + 3 * n**-2.0 for n in counts]
+    made = [
+        SimpleNamespace(count=n, figures={DISSIPATED: v})
+        for n, v in zip(counts, values, strict=True)
+    ]
+    refinement = StepRefinement(made, 3)  # type: ignore[arg-type]
+    for index, value in enumerate(values):
+        error = refinement.errors_from(index)[DISSIPATED]
+        true = (value - 4) / values[-1]
+        assert true <= error <= true + 2.1 * (values[-1] - 4) / values[-1]
+    made[0].figures[DISSIPATED] = 4.0
+    by_chance = refinement.errors_from(0)[DISSIPATED]
+    assert by_chance == refinement.errors_from(1)[DISSIPATED]
+
+
+def test_an_earlier_trial_is_enough_where_a_finer_one_shows_that_it_was() -> None:
+    """Its three did not, for losses that grow alike show no order."""
+    values = {0.5: 0.9985, 1.0: 0.999, 2.0: 0.9997, 8.0: 0.99999}
+    search = StepSearch(case_of("bias-1x3"), ALONE, str)
+    curve = SimpleNamespace(
+        peak_of_spline=lambda: (0.0, 1.0), missed_peak=lambda: 0.0, times=[], breaks=[]
+    )
+    made = {
+        n: SimpleNamespace(
+            count=int(20 * n),
+            figures={DISSIPATED: v},
+            curve=curve,
+            outcome=SimpleNamespace(iterations=int(60 * n)),
+        )
+        for n, v in values.items()
+    }
+    first = {n: made[n] for n in (0.5, 1.0, 2.0)}
+    assert search._least(adaptive_steps, first, 2e-3).estimated_error > 2e-3  # type: ignore[arg-type]
+    assert search._least(adaptive_steps, made, 2e-3).number == 1.0  # type: ignore[arg-type]
 
 
 def test_steps_longer_than_friction_takes_to_follow_a_jump_are_known_to_be_too_long() -> None:

@@ -68,7 +68,7 @@ SCHEME = "bdf3"
 WITHOUT_ERROR = 20
 #: Work of the tangents of all trials of elements: for an accuracy that is usual, so that the answer
 #: comes within a minute on two processors, and at most.
-USUAL_ACCURACY, PATIENCE = 0.01, (423.0, 1585.0)
+USUAL_ACCURACY, PATIENCE = 0.01, (800.0, 1600.0)
 #: Cells across the sheet's shorter side at first.
 COARSEST = 2
 #: Error of two placements with slip friction, over the target, from which the mesh is graded:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -240,7 +240,7 @@ class StepSearch:
         """
         best = None
         tried = {n: r for (k, n), r in self._tried.items() if k is kind and r}
-        known = [tried[n] for n in sorted(tried)]
+        known = {n: tried[n] for n in sorted(tried)}
         if known:
             number = max(tried)
         for _ in range(TRIALS):
@@ -249,18 +249,14 @@ class StepSearch:
             if (response := self._response(kind, number, most)) is None:
                 if kind in self._given_up:
                     break
-                known, number = [], 2 * number
+                known, number = {}, 2 * number
                 continue
-            fewer = (r for r in known if APART * r.count <= response.count)
-            known = [*(r for r in fewer if response.figures.keys() <= r.figures.keys()), response]
+            fewer = {n: r for n, r in known.items() if APART * r.count <= response.count}
+            known = {n: r for n, r in fewer.items() if response.figures.keys() <= r.figures.keys()}
+            known[number] = response
             tangents, growth = response.outcome.iterations, 2.0
             if len(known) >= 3:
-                refinement = StepRefinement(known[-3:], scheme_of(self._trial).order)
-                figures = {
-                    name: (error * self._larger.get(name, 1.0), order)
-                    for name, (error, order) in refinement.errors_and_orders().items()
-                }
-                best = self._least(kind, number, response, figures, target)
+                best = self._least(kind, known, target)
                 if _reaches(best, target):
                     break
                 growth = min(max(best.number / number * best.lacking(target), FAR), FARTHEST)
@@ -271,34 +267,41 @@ class StepSearch:
             number *= growth
         return best
 
-    def _least(
-        self,
-        kind: Kind,
-        number: float,
-        response: Response,
-        figures: dict[str, tuple[float, float]],
-        target: float,
-    ) -> TimeSteps:
+    def _least(self, kind: Kind, known: Mapping[float, Response], target: float) -> TimeSteps:
         """Return the fewest steps that reach a target, or else as many as may be judged.
 
-        Equal steps meet the peak of the force or not by chance, which hardly depends on elements.
+        They are those of an earlier trial, whose distance from the limit is known, or about as many
+        as those of the last one. Equal steps meet the peak of the force or not by chance, which
+        hardly depends on elements.
 
         Args:
             kind: Of the steps.
-            number: That was tried.
-            response: With these steps.
-            figures: Its errors and their orders.
+            known: Three responses at least, one after another, by what was tried.
             target: Error of the steps.
         """
+        *earlier, number = known
+        response, highest = known[number], scheme_of(self._trial).order
+        refinement = StepRefinement(list(known.values()), highest)
+        figures = refinement.errors_and_orders()
+        options = [
+            (fewer / number, refinement.errors_from(index))
+            for index, fewer in enumerate(earlier)
+            if fewer >= 1  # a curve of fewer steps has corners
+        ]
         for growth in map(float, np.geomspace(1 / FAR, FAR, OPTIONS)):
+            errors = {
+                n: e / growth ** (order if growth > 1 else highest)
+                for n, (e, order) in figures.items()
+            }
+            options.append((growth, errors))
+        for growth, errors in options:
             missed, extra = response.curve.missed_peak(), tuple[float, ...]()
             if kind is equal_steps:
                 missed, extra = self._missed(equal_steps(self._trial, growth * number), response)
-            highest = scheme_of(self._trial).order
             orders = {n: order if growth > 1 else highest for n, (_, order) in figures.items()}
-            errors = {n: e / growth ** orders[n] for n, (e, _) in figures.items()}
+            larger = {n: e * self._larger.get(n, 1.0) for n, e in errors.items()}
             effort = growth * response.outcome.iterations
-            option = TimeSteps(kind, growth * number, errors, effort, orders, missed, extra)
+            option = TimeSteps(kind, growth * number, larger, effort, orders, missed, extra)
             if _reaches(option, target):
                 break
         return option

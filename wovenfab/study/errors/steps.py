@@ -44,7 +44,7 @@ def error_and_order(
 
 @dataclass(frozen=True)
 class StepRefinement:
-    """Responses with three numbers of steps on the same elements.
+    """Responses with three numbers of steps, or more, on the same elements.
 
     Attributes:
         responses: The responses, one after another; all have the figures of the last.
@@ -59,12 +59,31 @@ class StepRefinement:
 
         That of the peak is the error of the curve; what steps miss of it is another matter.
         """
-        counts = [r.count for r in self.responses]
-        peaks = [r.curve.peak_of_spline()[1] for r in self.responses]
-        result = {}
+        counts, result = [r.count for r in self.responses[-3:]], {}
         for name, value in self.responses[-1].figures.items():
             if value:
-                values = peaks if name in PEAKS else [r.figures[name] for r in self.responses]
-                error, order = error_and_order(counts, values, self.highest)
+                error, order = error_and_order(counts, self._values(name)[-3:], self.highest)
                 result[name] = error / abs(value), order
         return result
+
+    def errors_from(self, first: int) -> dict[str, float]:
+        """Return each figure's largest error with the steps of a response or with more, over it.
+
+        It is the distance from the limit of the last three, and as much more as these may be
+        wrong. Fewer steps that agree with the limit by chance do not make it smaller.
+
+        Args:
+            first: Index of the response.
+        """
+        result = {}
+        for name, (error, _) in self.errors_and_orders().items():
+            *earlier, last = self._values(name)
+            size = abs(self.responses[-1].figures[name])
+            changes = [abs(value - last) / size for value in earlier[first:]]
+            result[name] = max(changes, default=0.0) + 2 * abs(error)
+        return result
+
+    def _values(self, name: str) -> list[float]:
+        if name in PEAKS:
+            return [r.curve.peak_of_spline()[1] for r in self.responses]
+        return [r.figures[name] for r in self.responses]
