@@ -9,7 +9,8 @@ from typing import Any
 from wovenfab.model.memory import attributes, take_attributes
 
 logger = logging.getLogger(__name__)
-#: Largest number of occasions that are passed over after failures.
+#: Largest number of occasions that are passed over after failures: what failed in one part of a
+#: cycle may succeed in the next, and one failure in so many costs little.
 LONGEST_WAIT = 32
 
 

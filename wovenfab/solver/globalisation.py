@@ -149,8 +149,7 @@ def _flat(pair: Any) -> Any:
     return ufl.as_vector([component for f in pair for component in (f[0], f[1])])
 
 
-#: Largest number of halvings, and the constant of sufficient decrease.
-HALVINGS = 14
+#: The constant of sufficient decrease.
 DECREASE = 1e-4
 #: A shorter step counts as a failure: near the crossing the next one would be still shorter.
 SHORTEST = 1e-4
@@ -256,13 +255,14 @@ def backtrack(
     Returns:
         The length, halved as often as needed, and the potential; None where none falls.
     """
-    for _ in range(HALVINGS):
+    while True:
         energy = potential(length)
         most = start + max(rise, -DECREASE * length * slope) + roundoff
         if np.isfinite(energy) and energy <= most:
             return length, energy
         length, rise = length / 2, -np.inf
-    return length, None
+        if length < SHORTEST:
+            return length, None
 
 
 EPSILON = float(np.finfo(np.float64).eps)
