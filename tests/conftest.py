@@ -25,6 +25,16 @@ def pytest_configure(config: pytest.Config) -> None:
         assembly.writing, assembly.way = nullcontext, "FFCx"
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Do not import files without tests for several ranks where only these are wanted.
+
+    Every rank would import all of them at the same time.
+    """
+    if not config.option.markexpr.startswith("mpi") or collection_path.suffix != ".py":
+        return None
+    return True if "mark.mpi" not in collection_path.read_text(encoding="utf-8") else None
+
+
 @pytest.fixture
 def shared_path(tmp_path: Path) -> Path:
     """Rank 0's temporary directory, on all ranks."""
