@@ -90,7 +90,8 @@ def test_null_takes_out_what_an_earlier_file_gives(folder: Path) -> None:
         ("[]", "case.yaml:1: from: the list is empty. Name a case file, or several."),
         (
             "[strip.yaml, no.yaml]",
-            "case.yaml:1: from.1: there is no file 'no.yaml'. Names are relative to the case file.",
+            "case.yaml:1: from.1: there is no file 'no.yaml'. Names are relative to the case file, "
+            "those of --set to the current folder.",
         ),
         ("[strip.yaml, 3]", "case.yaml:1: from.1: expected the name of a file, got 3."),
         (

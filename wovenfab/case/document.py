@@ -79,9 +79,8 @@ def existing_file(value: Any, folder: Path, suffixes: tuple[str, ...]) -> Path:
             path = found
     if path is None:
         kind = "file" if suffixes else "folder"
-        raise value_error(
-            f"there is no {kind} {describe(value)}", "Names are relative to the case file."
-        )
+        where = "Names are relative to the case file, those of --set to the current folder."
+        raise value_error(f"there is no {kind} {describe(value)}", where)
     if suffixes and path.suffix.lower() != Path(value).suffix.lower():
         # the name must say what is read: a .geo is a program
         what = f"{describe(value)} is a link to {describe(path.name)}"
