@@ -26,8 +26,6 @@ from wovenfab.solver.tangent_spectrum import TangentSpectrum
 logger = logging.getLogger(__name__)
 #: Iterations after which bounded friction gets its stress at points.
 SMOOTH_ITERATIONS = 12
-#: Iterations up to which a step by the smooth law was easy.
-EASY = SMOOTH_ITERATIONS // 2
 
 
 class EquilibriumSolver:
@@ -146,7 +144,7 @@ class EquilibriumSolver:
             self._use_smooth_law()
         elif self._is_sharp:
             self._smooth_law.skip()
-        elif self.newton.snes.getIterationNumber() <= EASY:
+        else:
             self._smooth_law.reset()
 
     def restore(self) -> None:
