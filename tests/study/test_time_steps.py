@@ -86,7 +86,7 @@ def test_an_earlier_trial_is_enough_where_a_finer_one_shows_that_it_was() -> Non
     }
     first = {n: made[n] for n in (0.5, 1.0, 2.0)}
     assert search._least(adaptive_steps, first, 2e-3).estimated_error > 2e-3  # type: ignore[arg-type]
-    assert search._least(adaptive_steps, made, 2e-3).number == 1.0  # type: ignore[arg-type]
+    assert search._least(adaptive_steps, made, 2e-3).number == 2.0  # type: ignore[arg-type]
 
 
 def test_steps_longer_than_friction_takes_to_follow_a_jump_are_known_to_be_too_long() -> None:

@@ -286,7 +286,7 @@ class StepSearch:
         options = [
             (fewer / number, refinement.errors_from(index))
             for index, fewer in enumerate(earlier)
-            if fewer >= 1  # a curve of fewer steps has corners
+            if index > 1  # the first two were not judged: a curve of so few steps has corners
         ]
         for growth in map(float, np.geomspace(1 / FAR, FAR, OPTIONS)):
             errors = {
