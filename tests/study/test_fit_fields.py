@@ -18,9 +18,17 @@ from wovenfab.study.fit.clouds import field_compared, in_words
 from wovenfab.study.fit.fit_file import FieldTest, Fit, read_fit
 from wovenfab.study.fit.identifiability import Identifiability, knowledge
 from wovenfab.study.fit.objective import Objective
-from wovenfab.study.fit.response import BranchError, Place, ResponseCurve, computed
+from wovenfab.study.fit.response import (
+    BranchError,
+    Place,
+    ResponseCurve,
+    command,
+    computed,
+    curve_of,
+)
 from wovenfab.study.fit.result import write_result
 from wovenfab.study.fit.search import search
+from wovenfab.study.runner import execute
 
 Array = NDArray[np.float64]
 CASE = """\
@@ -99,6 +107,18 @@ def test_derivatives_of_displacements_are_those_of_differences(
         size = np.abs(difference).max()
         assert size > 0
         np.testing.assert_allclose(made[:, :, 1 + k], difference, atol=1e-4 * size)
+
+
+@pytest.mark.slow
+def test_displacements_are_the_same_on_two_ranks_in_a_process_of_their_own(tmp_path: Path) -> None:
+    """As in a fit with ``--ranks 2``, or on a cluster."""
+    (tmp_path / "case.yaml").write_text(CASE)
+    case = read_case(tmp_path / "case.yaml", {"time.extra_times": ["0.6 s"]})
+    asked = case, [Target("bending", "stiffness")], {"it": Place(0.6, POINTS[::37])}
+    one, two = (curve_of(execute(command(*asked, ranks))) for ranks in (1, 2))
+    np.testing.assert_allclose(two.slopes, one.slopes, rtol=1e-6, atol=1e-9)
+    size = np.abs(one.fields["it"]).max(axis=(0, 1))
+    assert (np.abs(two.fields["it"] - one.fields["it"]).max(axis=(0, 1)) < 1e-6 * size).all()
 
 
 @pytest.mark.slow
