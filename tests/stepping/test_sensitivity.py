@@ -251,11 +251,14 @@ FORMULAS = {
 }  # fmt: skip
 
 
-#: Cases, and how near differences come.
+#: Parameters, cases that have them, and how near differences come.
 CASES = [
-    ("small", 1e-5),
-    pytest.param("bias-1x3", 1e-5, marks=pytest.mark.slow),
-    pytest.param("coulomb", 1e-2, marks=pytest.mark.slow),
+    ("shear.stiffness", "small", 1e-5),
+    *(
+        pytest.param(name, scene, most, marks=pytest.mark.slow)
+        for name in ("shear.stiffness", "slip_friction.strength")
+        for scene, most in (("bias-1x3", 1e-5), ("coulomb", 1e-2))
+    ),
 ]
 
 
@@ -273,10 +276,7 @@ def case_of(name: str) -> Case:
     return read_case(ROOT / "configs" / f"{name}.yaml", settings)
 
 
-@pytest.mark.parametrize(("scene", "most"), CASES)
-@pytest.mark.parametrize(
-    "name", ["shear.stiffness", pytest.param("slip_friction.strength", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("name", "scene", "most"), CASES)
 def test_a_coefficient_of_a_formula_has_its_derivative(name: str, scene: str, most: float) -> None:
     formula, coefficient, value, *others = FORMULAS[name]
     base = case_of(scene)
