@@ -49,8 +49,9 @@ FINER, FINER_BY_FAR, LARGEST_DEGREE = 0.6, 0.4, 5
 #: go, twice as many halve the error at best.
 SHORTER = 4
 #: Largest share of its distance from that run that the finer answer can be wrong by: its error is
-#: at most a fourth of that of the run, and on the same side.
-DOUBT = 1 / (SHORTER - 1)
+#: at most a third of that of the run, and on the same side. First order gives a fourth, but steps
+#: that do not resolve how friction lets go show a little less than that.
+DOUBT = 1 / 2
 FIGURES = {"peak_force_N": "peak force", "dissipated_J": "dissipated"}
 #: Phases of a run that its time is made of: without imports, compiling, and the search for elements
 #: and steps, which is a phase of its own.

@@ -12,13 +12,17 @@ from wovenfab.study.response import Response
 
 #: The peak of what answers the program: the force, or the displacement under a prescribed force.
 PEAKS = ("peak_force_N", "peak_displacement_m")
-#: Least order that is believed. Steps that are longer than friction takes to follow a jump of the
-#: velocity let the loss change as much from one number of steps to the next.
+#: Least order that is believed of what is summed over steps, such as the loss. Steps longer than
+#: friction takes to follow a jump of the velocity let it change as much from one number of steps
+#: to the next.
 SLOWEST_ORDER = 0.25
 
 
 def error_and_order(
-    counts: Sequence[int], values: Sequence[float], highest: float
+    counts: Sequence[int],
+    values: Sequence[float],
+    highest: float,
+    slowest: float = SLOWEST_ORDER,
 ) -> tuple[float, float]:
     """Return the signed error of the last of three values, and the order in which it falls.
 
@@ -29,11 +33,12 @@ def error_and_order(
         counts: Three numbers of steps, one after another.
         values: The values.
         highest: Order of the scheme.
+        slowest: Least order that is believed.
     """
     first, second = (a - b for a, b in pairwise(values))
     growth = counts[2] / counts[1]
     if first * second > 0:
-        order = exponent(counts, first / second, highest, SLOWEST_ORDER)
+        order = exponent(counts, first / second, highest, slowest)
         if order < SLOWEST:
             return second / (growth**order - 1), order
     _, middle, last = error_of_degrees(counts, values, highest)
@@ -62,7 +67,9 @@ class StepRefinement:
         counts, result = [r.count for r in self.responses[-3:]], {}
         for name, value in self.responses[-1].figures.items():
             if value:
-                error, order = error_and_order(counts, self._values(name)[-3:], self.highest)
+                slowest = SLOWEST if name in PEAKS else SLOWEST_ORDER
+                last = self._values(name)[-3:]
+                error, order = error_and_order(counts, last, self.highest, slowest)
                 result[name] = error / abs(value), order
         return result
 
