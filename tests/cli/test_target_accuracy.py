@@ -19,11 +19,11 @@ SMALL = "{type: ramp, to: 20 mm, steps: 4}"
 def test_a_run_tells_at_once_what_cannot_be_reached_and_goes_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(choice, "MOST_UNKNOWNS", 12_000)
+    monkeypatch.setattr(choice, "PATIENCE", (20.0, 20.0))
     overrides = "accuracy=0.001 %", "discretisation=null", f"program={SMALL}"
     code = run_case(CASE, tmp_path, [*overrides, "output.pictures=false"], overwrite=True)
     said = capsys.readouterr().out
-    warning = "warning: the accuracy of 0.001 % is not reached"
+    warning = "warning: the accuracy of 0.001 % is not reached: the next finer elements have"
     assert code == 0
     assert said.index(warning) < said.index("stepping") < said.rindex(warning)
     summary = json.loads((tmp_path / "summary.json").read_text())

@@ -96,8 +96,7 @@ def test_errors_are_the_true_ones_and_stated_ones_are_honest(
         for row in found:
             summary = read_summary(output / "runs" / folder_of_run(row["run"]))
             wrong = abs(summary[name] / true - 1)
-            printed_error = float(row[f"error_of_{name}"])  # of four digits
-            assert printed_error == pytest.approx(wrong, rel=1e-4, abs=doubt)
+            assert float(row[f"error_of_{name}"]) == pytest.approx(wrong, abs=doubt)
             if row["stated_error"]:
                 assert wrong <= ESTIMATE * float(row["stated_error"]) + MORE / 100
     assert (output / "accuracy.png").stat().st_size > 10_000

@@ -276,9 +276,9 @@ class Study:
                 "steps": r.steps,
                 "seconds": round(r.seconds, 3),
                 "search_s": round(r.search, 3),
-                "stated_error": "" if r.stated is None else f"{r.stated:.3e}",
-                "error": f"{r.error:.3e}",
-                **{f"error_of_{f}": f"{r.errors[f]:.3e}" if f in r.errors else "" for f in FIGURES},
+                "stated_error": "" if r.stated is None else r.stated,
+                "error": r.error,
+                **{f"error_of_{f}": r.errors.get(f, "") for f in FIGURES},
                 "shortfall": r.shortfall,
             }
             for r in self.runs
