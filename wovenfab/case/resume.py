@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mpi4py import MPI
 
 from wovenfab.case.case import Case
 from wovenfab.case.document import FILE
@@ -87,44 +88,68 @@ def _with_choices(case: Case, checkpoint: Checkpoint, directory: Path) -> Case:
     return case.changed("accuracy=null", *changes)
 
 
+def state_checkpoint(case: Case, comm: MPI.Comm) -> Checkpoint:
+    """Return the checkpoint that a case starts from; collective.
+
+    Raises:
+        CaseError: There is none, or it is of another sheet or of other elements by its case.
+    """
+    directory = case.from_state
+    assert directory is not None
+    try:
+        checkpoint = load_checkpoint(directory, comm)
+        _require_case(checkpoint, directory)
+        with fitting(directory):
+            before, now = checkpoint.values["case"], fixed_part(case)
+            parts = "sheet", "discretisation"
+            differing = [name for name in parts if before.get(name) != now.get(name)]
+    except NothingToResumeError as error:
+        raise CaseError([case.problem(STATE, str(error))]) from error
+    _require_equal(case, differing)
+    return checkpoint
+
+
 def state_of(case: Case, model: Model) -> Array:
     """Return the state that a case starts from: unknowns with ghosts, m; collective.
 
     Raises:
         CaseError: There is none, or it is of another sheet or of other elements.
     """
-    directory = case.from_state
-    assert directory is not None
+    assert case.from_state is not None
+    checkpoint = state_checkpoint(case, model.comm)
     try:
-        checkpoint = load_checkpoint(directory, model.comm)
-        _require_case(checkpoint, directory)
-        with fitting(directory):
-            differing, name = _differing(case, model, checkpoint)
+        with fitting(case.from_state):
+            differing, name = _differing(model, checkpoint)
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
-    if differing:
-        message = f"the run in {directory} has another sheet: {' and '.join(differing)} differ"
-        remedy = "Take the same sheet, elements and number of placements."
-        raise CaseError([case.problem(STATE, message, remedy)])
+    _require_equal(case, differing)
     state: Array = SnapshotFormat(model).scatter({ARRAY: name}, checkpoint.arrays)
     return state
 
 
-def _differing(case: Case, model: Model, checkpoint: Checkpoint) -> tuple[list[str], str]:
-    """Return what the sheet of a checkpoint has otherwise, and its array of a state; collective."""
-    before, now = checkpoint.values["case"], fixed_part(case)
-    parts = "sheet", "discretisation"
-    differing = [name for name in parts if before.get(name) != now.get(name)]
-    if not has_mesh(model.sheet, checkpoint) and not differing:
-        differing = ["the meshes that its geometry gives"]
+def _require_equal(case: Case, differing: Sequence[str]) -> None:
+    """Raise if the sheet of the run that a case starts from differs in something."""
+    if differing:
+        message = (
+            f"the run in {case.from_state} has another sheet: {' and '.join(differing)} differ"
+        )
+        remedy = "Take the same sheet, elements and number of placements."
+        raise CaseError([case.problem(STATE, message, remedy)])
+
+
+def _differing(model: Model, checkpoint: Checkpoint) -> tuple[list[str], str]:
+    """Return what the mesh of a checkpoint has otherwise, and its array of a state; collective."""
+    same = has_mesh(model.sheet, checkpoint)
     name = str(checkpoint.values["stepper"]["state"]["states"][0][ARRAY])
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
     cells, values = compute_on_root(model.comm, lambda: checkpoint.arrays[name].shape)
-    if not differing and values != size:
-        differing = ["the number of placements"]
-    if not differing and cells != model.sheet.mesh.topology.index_map(2).size_global:
-        differing = ["the number of cells"]
-    return differing, name
+    if not same:
+        return ["the meshes that its geometry gives"], name
+    if values != size:
+        return ["the number of placements"], name
+    if cells != model.sheet.mesh.topology.index_map(2).size_global:
+        return ["the number of cells"], name
+    return [], name
 
 
 def _require_case(checkpoint: Checkpoint, directory: Path) -> None:

@@ -46,8 +46,11 @@ def check_case(
 
     from wovenfab.case.limits import require_memory
     from wovenfab.case.objects import coarse_geometry, estimated_unknowns, sheet_of
+    from wovenfab.case.resume import state_checkpoint
 
     comm = MPI.COMM_WORLD
+    if case.from_state is not None:
+        state_checkpoint(case, comm)
     is_mesh = kind == ".msh"  # of which the head tells whether it is too large to be read
     geometry = None if is_mesh else coarse_geometry(case, comm)
     unknowns = estimated_unknowns(case, geometry, comm)
