@@ -38,12 +38,12 @@ test-next: suite ## the same tests with the next dolfinx (0.11), in a Debian sid
 test-wheels: export WOVENFAB_SUITE = wheels
 test-wheels: ## the same tests with FEniCSx from PyPI, in a bare Debian 13, but for those of env/enter
 	$(enter) pytest -n $(jobs) -m "not mpi and not slow" --ignore tests/environment
-	$(enter) on-ranks 2 pytest -m "mpi and not slow" --ignore tests/environment
+	$(enter) on-ranks 2 pytest -m "mpi and not mpi4 and not slow" --ignore tests/environment
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow" --ignore tests/environment
 
 suite:
 	$(enter) pytest -n $(jobs) -m "not mpi and not slow"
-	$(enter) on-ranks 2 pytest -m "mpi and not slow"
+	$(enter) on-ranks 2 pytest -m "mpi and not mpi4 and not slow"
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow"
 
 lint: ## style, format and types

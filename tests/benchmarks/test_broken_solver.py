@@ -40,7 +40,7 @@ def missed(change: Change, name: str) -> str:
     ("change", "name", "problem"),
     [
         pytest.param(plain, "large-p4-12mm-graded", "worst|cutbacks", marks=pytest.mark.slow),
-        (unlimited, "tunnelling", "margin"),
+        pytest.param(unlimited, "tunnelling", "margin", marks=pytest.mark.slow),
         (unlimited, "locking-end", "finished, but should have stopped"),
         pytest.param(unsearched, "locking-one-step", "margin", marks=pytest.mark.slow),
     ],
@@ -53,7 +53,11 @@ def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [(plain, "locking-1x2-400"), (unlimited, "locking-1x2-400"), (unsearched, "locking-end")],
+    [
+        pytest.param(plain, "locking-1x2-400", marks=pytest.mark.slow),
+        (unlimited, "locking-1x2-400"),
+        (unsearched, "locking-end"),
+    ],
 )
 def test_rows_that_do_not_need_the_part_pass_without_it(change: Change, name: str) -> None:
     assert missed(change, name) == ""

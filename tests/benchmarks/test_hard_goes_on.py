@@ -28,6 +28,7 @@ class KilledError(Exception):
     """In place of a signal."""
 
 
+@pytest.mark.slow
 def test_a_row_that_was_killed_goes_on_with_the_same_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

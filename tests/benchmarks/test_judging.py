@@ -104,6 +104,7 @@ def test_a_row_is_run_again_only_if_its_case_or_the_code_has_changed(
     assert Result.of(store.load(ROW.name)) == result
 
 
+@pytest.mark.slow
 def test_a_row_that_hangs_or_breaks_is_a_failure_and_not_the_end(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

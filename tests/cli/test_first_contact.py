@@ -125,6 +125,7 @@ def test_gmsh_without_a_library_of_the_system(ranks: int, tmp_path: Path) -> Non
     assert missing in said and GMSH_LIBRARIES in said
 
 
+@pytest.mark.slow
 def test_a_user_without_a_home_folder_needs_a_cache_folder(tmp_path: Path) -> None:
     modules = tmp_path / "modules"
     modules.mkdir()

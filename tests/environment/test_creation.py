@@ -13,6 +13,8 @@ import pytest
 
 from tests.environment.conftest import PROJECT, Machine
 
+pytestmark = pytest.mark.slow
+
 
 def wait_for(holds: Callable[[], bool]) -> None:
     """Wait until something holds, at most 20 s."""

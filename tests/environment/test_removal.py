@@ -11,6 +11,8 @@ import pytest
 
 from tests.environment.conftest import PROJECT, Machine
 
+pytestmark = pytest.mark.slow
+
 PRIVATE = ["unshare", "--mount"] if os.geteuid() == 0 else ["unshare", "--mount", "--map-root-user"]
 can_mount = pytest.mark.skipif(
     subprocess.run(

@@ -14,6 +14,8 @@ import pytest
 
 from tests.environment.conftest import Machine
 
+pytestmark = pytest.mark.slow
+
 TRIES = {
     "bwrap": ["bwrap", "--ro-bind", "/", "/", "--dev", "/dev", "--unshare-pid", "--proc", "/proc"],
     "proot": ["proot", "-r", "/"],

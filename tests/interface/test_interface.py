@@ -106,7 +106,7 @@ def test_an_accuracy_is_obeyed_by_whatever_makes_steps(tmp_path: Path) -> None:
     """The same elements and steps for a run, for a loop, for derivatives and for effects."""
     case = wovenfab.read_case(
         ROOT / "configs" / "bonded-1x3.yaml",
-        ["accuracy=5 %", "discretisation=null", "program={type: ramp, to: 20 mm, steps: 2}",
+        ["accuracy=20 %", "discretisation=null", "program={type: ramp, to: 20 mm, steps: 2}",
          "solver.factor=renewed"],
     )  # fmt: skip
     run = wovenfab.simulate(case)

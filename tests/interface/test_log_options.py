@@ -25,6 +25,7 @@ def run(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
     return wovenfab("run", case, *changes, "-o", "run", "--overwrite", *options, cwd=folder)
 
 
+@pytest.mark.slow
 def test_cut_steps_are_told_with_their_reason_once_each(tmp_path: Path) -> None:
     few = "--set", "solver.max_iterations=4"
     assert "residual" not in run(tmp_path, *few).stderr  # nothing is logged unless asked for

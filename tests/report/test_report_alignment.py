@@ -79,6 +79,7 @@ def test_moved_positions_are_told_from_those_at_rest(two: Path) -> None:
     np.testing.assert_allclose(on.cloud.points, exact.points, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_moved_positions_of_a_turned_camera_are_found(two: Path) -> None:
     stored = read_fields(two)
     exact = measured(stored, 200, 7)
@@ -116,6 +117,7 @@ def test_a_uniform_displacement_does_not_tell_the_camera(two: Path) -> None:
         placed(stored, 0, MeasuredCloud(points, 0 * points), align=True, positions="rest")
 
 
+@pytest.mark.slow
 def test_a_cloud_of_the_back_is_recognised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = sample.placement
     monkeypatch.setattr(  # a sheet that moves more at one of its sides

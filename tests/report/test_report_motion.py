@@ -107,6 +107,7 @@ def test_polylines_are_told_one_after_the_other() -> None:
     assert cells.count == 2
 
 
+@pytest.mark.slow
 def test_the_last_cycle_moves_at_the_pace_of_its_times(run: Path, tmp_path: Path) -> None:
     source, stored = open_run_data(run), read_fields(run)
     with house_style():

@@ -35,6 +35,7 @@ def test_all_pictures_are_drawn_from_the_files_alone(two: Path, tmp_path: Path) 
         assert len(np.unique(picture.reshape(-1, picture.shape[2]), axis=0)) > 20
 
 
+@pytest.mark.slow
 def test_equal_results_give_equal_files(small: Path) -> None:
     first = [path.read_bytes() for path in draw(small)]
     assert [path.read_bytes() for path in draw(small)] == first
@@ -178,6 +179,7 @@ def test_units_keep_numbers_short(value: float, text: str) -> None:
     assert f"{value * unit.factor:.3g} {unit.name}" == text
 
 
+@pytest.mark.slow
 def test_the_mode_is_drawn_with_its_load_at_a_size_that_shows(small: Path) -> None:
     history, stored = read_history(small), read_fields(small)
     points, row = stored.points(), 3

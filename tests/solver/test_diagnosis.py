@@ -84,7 +84,7 @@ def test_a_motion_that_nothing_resists_is_named() -> None:
     assert "hold more edges" in found.remedy
 
 
-@pytest.mark.parametrize("degree", [2, 3])
+@pytest.mark.parametrize("degree", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_penalty_too_small_is_named_before_a_wrong_answer_is_given(degree: int) -> None:
     numerics = Numerics(degree, quadrature=4, penalty=0.3)
     error = failure(scenes.model(scenes.sheet(), scenes.BONDED, numerics), 0.01)

@@ -54,6 +54,7 @@ def test_a_large_pull_from_rest_in_one_step_takes_at_most_ten_iterations(
     assert result.iterations <= 10
 
 
+@pytest.mark.slow
 def test_the_plain_tangent_needs_more_iterations_for_the_same_solution() -> None:
     mixed, plain = bonded(scenes.PROTOTYPE), bonded(replace(scenes.PROTOTYPE, mixed=False))
     own = SolverOptions(keep_factor=False)  # a tangent for each iteration

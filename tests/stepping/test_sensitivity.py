@@ -198,7 +198,7 @@ def differences(
     return np.array(result).reshape(-1, 2)
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
+@pytest.mark.parametrize("scheme", ["bdf2", pytest.param("midpoint", marks=pytest.mark.slow)])
 def test_derivatives_with_stress_at_points_agree_with_differences(scheme: str) -> None:
     # Steps at which points begin to slide have kinks, so that differences are less exact.
     targets = [

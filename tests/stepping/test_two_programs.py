@@ -166,6 +166,7 @@ def test_each_direction_has_the_force_of_its_own_yarns() -> None:
     assert steps[-1].work == pytest.approx(energy, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_by_parameters_see_the_second_program() -> None:
     def of(strength: float, *targets: Target) -> Step:
         slip = {**SLIP, "slip_friction": {"strength": strength, "slope": 70}}

@@ -55,6 +55,7 @@ def planned(case: Case) -> tuple[Plan, list[str]]:
     return plan(case, ALONE, lines.append), lines
 
 
+@pytest.mark.slow
 def test_a_degree_that_is_accurate_enough_is_not_confirmed_by_a_higher_one() -> None:
     chosen, lines = planned(elastic("accuracy=0.4 %"))
     assert chosen.case.discretisation.degree == 4
@@ -242,6 +243,7 @@ def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:
     assert abs(response.figures["peak_force_N"]) > 1.0
 
 
+@pytest.mark.slow
 def test_friction_at_its_bound_takes_few_iterations_on_a_fabric_that_is_soft_in_shear() -> None:
     case = case_of("bonded-1x3", *SOFT, elements(3, 0.15), "time=null")
     outcome = response_of(case, sheet(case)).outcome

@@ -167,10 +167,11 @@ CYCLE = "program={type: cycles, amplitudes: [40 mm], max_velocity: 0.5 m/s}"
     ("name", "settings"),
     [
         pytest.param("bias-1x3", (), id="two placements, slip"),
-        pytest.param("spin-1x3", (), id="two placements, slip and spin", marks=pytest.mark.slow),
-        pytest.param("bonded-1x3", (SPIN,), id="one placement, spin", marks=pytest.mark.slow),
+        pytest.param("spin-1x3", (), id="two placements, slip and spin"),
+        pytest.param("bonded-1x3", (SPIN,), id="one placement, spin"),
     ],
 )
+@pytest.mark.slow
 def test_the_errors_of_a_cycle_with_friction_are_estimated(
     name: str, settings: tuple[str, ...]
 ) -> None:
@@ -288,7 +289,7 @@ def test_what_limits_do_not_allow_is_reported_with_the_best(limits: Limits, reas
         "elastic-1x3",
         "accuracy=0.001 %",
         "discretisation=null",
-        "program={type: ramp, to: 20 mm, steps: 8}",
+        "program={type: ramp, to: 20 mm, steps: 2}",
     )
     chosen = plan(case, ALONE, lambda text: None, limits)
     assert reason in chosen.shortfall
@@ -433,6 +434,7 @@ def test_elements_are_too_large_for_the_waves_of_a_compressed_yarn_from_a_size_o
     assert resolves_waves(made)
 
 
+@pytest.mark.slow
 def test_the_error_of_compressed_yarns_is_not_known_where_cells_hide_their_waves(
     tmp_path: Path,
 ) -> None:

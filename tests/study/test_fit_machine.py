@@ -128,6 +128,7 @@ def test_intervals_of_all_kinds_of_parameters_hold_the_truth_as_often_as_they_sa
     assert ((hits / repeats >= 0.90) & (hits / repeats <= 0.99)).all()
 
 
+@pytest.mark.slow
 def test_no_row_decides_the_spring_whatever_the_noise(tmp_path: Path) -> None:
     generator, hits, halves = np.random.default_rng(3), [], []
     for _ in range(20):

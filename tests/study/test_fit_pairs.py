@@ -57,9 +57,10 @@ def force(of: Case) -> float:
             Target("shear", "stiffness"), FORMULA, f"1.01 * {FORMULA}", f"0.99 * {FORMULA}",
             marks=pytest.mark.slow,
         ),
-        (
+        pytest.param(
             Target("shear", "stiffness", coefficient=3), FORMULA,
             FORMULA.replace("0.2", "0.202"), FORMULA.replace("0.2", "0.198"),
+            marks=pytest.mark.slow,
         ),
     ],
     ids=str,

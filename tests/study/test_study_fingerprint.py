@@ -91,6 +91,7 @@ def test_the_state_that_a_case_starts_from_counts(tmp_path: Path) -> None:
     assert known[0] == known[1] != known[2]
 
 
+@pytest.mark.slow
 def test_the_code_that_chooses_elements_counts_where_they_are_chosen(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

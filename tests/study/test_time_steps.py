@@ -118,7 +118,7 @@ def test_few_steps_are_enough_for_the_work_of_a_tension_test_and_their_error_is_
     table = "effects.stretch={law: table, table: {strain: '2, 4, 6 %', force: '60, 240, 540 N/m'}}"
     fabric = CONFIGS / "fabrics" / "unbalanced.yaml"
     test = read_case(CONFIGS / "tests" / "kes-tension.yaml", (table,), fabric)
-    case = trial_of(with_elements(test, degree=2, mesh_size=0.05), 0.01)
+    case = trial_of(with_elements(test, degree=2, mesh_size=0.1), 0.01)
     assert not case.needs.history
     chosen = StepSearch(case.model_copy(update={"accuracy": None}), ALONE, str).steps_for(0.01)
     assert chosen is not None

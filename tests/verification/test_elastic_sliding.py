@@ -155,9 +155,8 @@ def test_derivatives_agree_with_differences(name: str, law: str, parameter: str)
     assert differences(of, [Target(name, parameter)], 1e-5).max() < 1e-3
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param("slip_friction", marks=pytest.mark.slow), "spin_friction"]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["slip_friction", "spin_friction"])
 def test_newton_needs_no_more_iterations_than_for_coulomb(name: str) -> None:
     slips = name == "slip_friction"
     strength, stiffness = (2e4, 1e8) if slips else (30.0, 1e3)
@@ -184,13 +183,10 @@ def test_a_stiff_spring_gives_the_loss_of_coulomb() -> None:
     assert losses[0] == pytest.approx(losses[1], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "friction",
-    [
-        pytest.param(ELASTIC, marks=pytest.mark.slow),
-        {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"},
-        pytest.param(IWAN, marks=pytest.mark.slow),
-    ],
+    [ELASTIC, {**ELASTIC, "strength": "3 N/m * (1 + (gamma/20 deg)^2)"}, IWAN],
     ids=["elastic", "growing", "iwan"],
 )
 def test_a_run_that_was_stopped_goes_on_to_the_last_bit(

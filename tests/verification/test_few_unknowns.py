@@ -104,6 +104,7 @@ def test_other_samples_need_no_more(name: str) -> None:
     check(name, scenes.BONDED, 4, 0.05, 5e-4, 40_000)
 
 
+@pytest.mark.slow
 def test_grading_does_more_than_a_finer_mesh() -> None:
     sample = SAMPLES["1:3"]
     few, graded = sample.pull(scenes.BONDED, 0.04, 3, sample.sheet(0.1, bonded=True))

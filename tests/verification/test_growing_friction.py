@@ -215,9 +215,10 @@ def test_a_run_that_was_stopped_goes_on_to_the_last_bit(
         assert (parts[name] == values).all(), name
 
 
-@pytest.mark.parametrize("scheme", ["bdf2", pytest.param("midpoint", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("scheme", ["bdf2", "midpoint"])
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("coefficient", [pytest.param(1, marks=pytest.mark.slow), 3])
+@pytest.mark.parametrize("coefficient", [1, 3])
+@pytest.mark.slow
 def test_derivatives_by_a_number_of_the_formula_agree_with_differences(
     coefficient: int, law: dict[str, str], scheme: str
 ) -> None:

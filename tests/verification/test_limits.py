@@ -77,6 +77,7 @@ def test_viscous_slip_is_slip_friction_at_low_rates() -> None:
     assert viscous == pytest.approx(friction, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_quadratic_power_shear_is_the_tangent_law_at_small_angles() -> None:
     sheet = scenes.sheet()
     values = with_values(power_shear={"stiffness": 400.0, "power": 2.0})

@@ -144,6 +144,7 @@ def test_a_driven_slider_is_as_its_scalar_equations(scheme: str) -> None:
     assert slid == pytest.approx(2 * STROKE.sum(), rel=1e-12)
 
 
+@pytest.mark.slow
 def test_a_slider_with_coulombs_law_loses_its_closed_form_with_order_one() -> None:
     """The strength lags by one step: the only error, which is of first order in the step."""
     model, errors = slider(COULOMB), []
@@ -203,7 +204,7 @@ LOOP = program_of(cycle(0.0, 0.04, 0.8, 20))
     ("scene", "scheme"),
     [
         ("both", "midpoint"),
-        ("coulomb", "bdf2"),
+        pytest.param("coulomb", "bdf2", marks=pytest.mark.slow),
         pytest.param("wear", "midpoint", marks=pytest.mark.slow),
         pytest.param("both", "bdf2", marks=pytest.mark.slow),
         pytest.param("softening", "midpoint", marks=pytest.mark.slow),

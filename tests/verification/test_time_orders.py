@@ -88,9 +88,8 @@ def assert_balance(scene: str, scheme: str, ends: Sequence[Step]) -> None:
     assert fall > min(SCHEMES[scheme].order, 2) - 0.15  # work is summed by the trapezoidal rule
 
 
-@pytest.mark.parametrize(
-    "scheme", ["backward-euler", pytest.param("midpoint", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
 def test_without_friction_work_is_stored_with_order_two_and_given_back(scheme: str) -> None:
     """The trapezoid sums the work, whatever the scheme; a symmetric cycle cancels its error."""
     model = scenes.model(scenes.sheet(), scenes.BONDED, scenes.PROTOTYPE)
