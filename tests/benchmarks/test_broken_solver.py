@@ -55,7 +55,7 @@ def test_a_part_that_is_missing_fails_the_rows_it_is_there_for(
     ("change", "name"),
     [
         pytest.param(plain, "locking-1x2-400", marks=pytest.mark.slow),
-        (unlimited, "locking-1x2-400"),
+        pytest.param(unlimited, "locking-1x2-400", marks=pytest.mark.slow),
         (unsearched, "locking-end"),
     ],
 )

@@ -9,7 +9,9 @@ from shutil import copytree
 import pytest
 
 from tests.structure.test_pages import Block, blocks
+from wovenfab.case import read_case
 from wovenfab.cli.check import check_case
+from wovenfab.interface import execute
 from wovenfab.study.variations import read_sweep_file
 
 ROOT = Path(__file__).parents[2]
@@ -30,8 +32,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = copytree(ROOT / "configs", tmp_path_factory.mktemp("documented") / "configs")
     copytree(ROOT / "meshes", made.parent / "meshes")
     (made / "my_effect.py").write_text((ROOT / "docs" / "examples" / "my_effect.py").read_text())
-    (made / "pretension.yaml").write_text(f"{BASE}program: {{type: ramp, to: 5 mm, velocity: 1}}\n")
-    (made.parent / "results" / "pretension").mkdir(parents=True)
+    (made / "pretension.yaml").write_text(
+        f"{BASE}program: {{type: ramp, to: 5 mm, velocity: 1, steps: 1}}\n"
+        "discretisation: {degree: 2, mesh_size: 300 mm}\n"
+    )
+    execute(read_case(made / "pretension.yaml"), made.parent / "results" / "pretension")
     for block in blocks(PAGE):
         if block.language == "c" and block.file:
             (made / block.file).write_text(block.text)

@@ -328,6 +328,7 @@ def test_a_summary_out_of_all_range_is_damaged(travel: float, small: Path) -> No
         open_run_data(small)
 
 
+@pytest.mark.slow
 def test_a_page_has_the_figures_of_a_standard_test_in_both_units(tmp_path: Path) -> None:
     results = make(tmp_path / "run", [0.03], every=40)
     test = BiasExtension(Jaws(0.9, 0.3, (0.45, 0.15), (1.0, 0.0)))

@@ -145,7 +145,7 @@ def compare(form: Any, elsewhere: Path, shorter: bool = True) -> None:
     assert written
 
 
-@pytest.mark.parametrize("degree", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("degree", [1, *(pytest.param(d, marks=pytest.mark.slow) for d in (2, 3))])
 def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_path: Path) -> None:
     on, w, test, trial = square(degree, 2)
     normal, grad = ufl.FacetNormal(on), ufl.grad

@@ -124,6 +124,7 @@ def test_without_a_start_the_size_of_the_forces_gives_one(tmp_path: Path) -> Non
     assert work <= 15
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say(tmp_path: Path) -> None:
     # Of the problem linearised at the truth, where each repeat costs nothing.
     fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.01)))

@@ -270,6 +270,7 @@ def test_what_the_derivative_leaves_falls_with_the_square_of_the_change(
     assert_second_order(sheet(scene), targets, scheme=scheme)
 
 
+@pytest.mark.slow
 def test_derivatives_with_stress_at_points_agree_with_differences() -> None:
     model = sheet("coulomb")
     for scheme, *parameters in (("bdf2", "end"), ("midpoint", "end", "length")):
