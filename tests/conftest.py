@@ -36,6 +36,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 @pytest.fixture
+def own_kernels(request: pytest.FixtureRequest) -> None:
+    """Skip what is about kernels that FFCx does not write, where it writes all of them."""
+    if request.config.getoption("--plain-kernels"):
+        pytest.skip("FFCx writes all kernels")
+
+
+@pytest.fixture
 def shared_path(tmp_path: Path) -> Path:
     """Rank 0's temporary directory, on all ranks."""
     return MPI.COMM_WORLD.bcast(tmp_path, root=0)

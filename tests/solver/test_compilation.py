@@ -110,6 +110,7 @@ def test_a_form_that_does_not_compile_is_told_with_the_compilers_lines(
     assert log.info.call_args.args[-1] == said
 
 
+@pytest.mark.usefixtures("own_kernels")
 def test_equal_expressions_have_one_kernel(cache: Path) -> None:
     mesh = create_unit_square(MPI.COMM_WORLD, 1, 1)
     for value in (1.0, 2.0):
@@ -145,6 +146,7 @@ def compare(form: Any, elsewhere: Path, shorter: bool = True) -> None:
     assert written
 
 
+@pytest.mark.usefixtures("own_kernels")
 @pytest.mark.parametrize("degree", [1, *(pytest.param(d, marks=pytest.mark.slow) for d in (2, 3))])
 def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_path: Path) -> None:
     on, w, test, trial = square(degree, 2)
@@ -157,6 +159,7 @@ def test_kernels_of_small_products_add_up_to_what_ffcx_writes(degree: int, tmp_p
     compare(ufl.derivative(ufl.derivative(energy, w, test), w, trial), tmp_path)
 
 
+@pytest.mark.usefixtures("own_kernels")
 @pytest.mark.parametrize("degree", [1, 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_kernels_of_derivatives_along_two_directions_are_those_of_ffcx(
     degree: int, tmp_path: Path
