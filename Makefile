@@ -27,22 +27,22 @@ pictures: ## draw the pictures of README.md and docs/effects.md again, of the co
 test: lint suite ## style, types, and the tests of physics, numerics, files and interface
 
 test-all: lint dist docs ## all tests, the slow ones too, the site, the wheel, and plain kernels
-	$(enter) pytest -n $(jobs) -m "not mpi"
+	$(enter) pytest -n $(jobs) --dist loadfile -m "not mpi"
 	$(enter) on-ranks 2 pytest -m mpi
 	$(enter) on-ranks 4 pytest -m mpi4
-	$(enter) pytest -n $(jobs) --plain-kernels -m "not mpi and not slow" tests/forms tests/solver tests/stepping tests/verification
+	$(enter) pytest -n $(jobs) --dist loadfile --plain-kernels -m "not mpi and not slow" tests/forms tests/solver tests/stepping tests/verification
 
 test-next: export WOVENFAB_SUITE = sid
 test-next: suite ## the same tests with the next dolfinx (0.11), in a Debian sid
 
 test-wheels: export WOVENFAB_SUITE = wheels
 test-wheels: ## the same tests with FEniCSx from PyPI, in a bare Debian 13, but for those of env/enter
-	$(enter) pytest -n $(jobs) -m "not mpi and not slow" --ignore tests/environment
+	$(enter) pytest -n $(jobs) --dist loadfile -m "not mpi and not slow" --ignore tests/environment
 	$(enter) on-ranks 2 pytest -m "mpi and not mpi4 and not slow" --ignore tests/environment
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow" --ignore tests/environment
 
 suite:
-	$(enter) pytest -n $(jobs) -m "not mpi and not slow"
+	$(enter) pytest -n $(jobs) --dist loadfile -m "not mpi and not slow"
 	$(enter) on-ranks 2 pytest -m "mpi and not mpi4 and not slow"
 	$(enter) on-ranks 4 pytest -m "mpi4 and not slow"
 
