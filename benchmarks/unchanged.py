@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,8 +23,9 @@ from wovenfab.study.runner import Command, execute_all, here
 ROOT = Path(__file__).parents[1]
 RESULTS = Path("results") / "unchanged"
 RANKS = (1, 2)
-#: Largest difference of a column over its largest size.
+#: Largest difference of a column over the largest value of its unit.
 LIMIT = 1e-9
+ITERATIONS = "newton_iterations"
 
 History = Mapping[str, NDArray[np.float64]]
 
@@ -34,27 +36,42 @@ class Difference:
 
     Attributes:
         column: The column that differs most, or what differs in another way.
-        size: Difference over the largest size of that column before; infinite for other ways.
+        size: Difference over the largest value before of all columns of its unit; infinite for
+            other ways.
+        iterations: Of Newton's method, before and after.
     """
 
     column: str
     size: float
+    iterations: tuple[int, int] = (0, 0)
 
 
 def difference(before: History, after: History) -> Difference:
-    """Return the largest difference of two histories."""
+    """Return the largest difference of two histories, but for Newton's iterations.
+
+    What vanishes by symmetry is round-off, and compared with what does not: with all columns of
+    its unit.
+    """
+    iterations = _iterations(before), _iterations(after)
     if list(before) != list(after):
-        return Difference(f"columns {sorted(set(before) ^ set(after))}", np.inf)
+        return Difference(f"columns {sorted(set(before) ^ set(after))}", np.inf, iterations)
     rows = [len(history["step"]) for history in (before, after)]
     if rows[0] != rows[1]:
-        return Difference(f"{rows[0]} and {rows[1]} rows", np.inf)
-    sizes = {}
+        return Difference(f"{rows[0]} and {rows[1]} rows", np.inf, iterations)
+    scales: dict[str, float] = defaultdict(float)
     for name, values in before.items():
-        scale = np.abs(values).max(initial=0.0)
-        largest = np.abs(values - after[name]).max(initial=0.0)
-        sizes[name] = float(largest / scale) if scale else float(largest)
-    column = max(sizes, key=lambda name: sizes[name])
-    return Difference(column, sizes[column])
+        unit = name.rpartition("_")[2]
+        scales[unit] = max(scales[unit], float(np.abs(values).max(initial=0.0)))
+    sizes = {}
+    for name in before.keys() - {ITERATIONS}:
+        largest = float(np.abs(before[name] - after[name]).max(initial=0.0))
+        sizes[name] = largest / (scales[name.rpartition("_")[2]] or 1.0)
+    column = max(sizes, key=lambda name: (sizes[name], name))
+    return Difference(column, sizes[column], iterations)
+
+
+def _iterations(history: History) -> int:
+    return int(np.sum(history.get(ITERATIONS, 0)))
 
 
 def cases_of(code: Path) -> list[Path]:
@@ -127,10 +144,12 @@ def compare(
 def main(code: str, commit: str) -> int:
     """Print the differences as a table; return 1 where one is beyond the limit."""
     differences = compare(Path(code), commit, cases_of(Path(code)))
-    print("| case | ranks | largest difference | column |\n|---|---:|---:|---|")
+    print("| case | ranks | largest difference | column | iterations before | now |")
+    print("|---|---:|---:|---|---:|---:|")
     for name, largest in differences.items():
         mark = "" if largest.size <= LIMIT else "  **changed**"
-        print(f"| {name} | {largest.size:.1e} | {largest.column}{mark} |")
+        before, now = largest.iterations
+        print(f"| {name} | {largest.size:.1e} | {largest.column}{mark} | {before} | {now} |")
     changed = sum(d.size > LIMIT for d in differences.values())
     print(f"\n{changed} of {len(differences)} histories have changed since {commit}")
     return 1 if changed else 0

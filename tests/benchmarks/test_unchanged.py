@@ -10,19 +10,26 @@ import pytest
 from benchmarks import unchanged
 from benchmarks.unchanged import ROOT, cases_of, compare, difference
 
-HISTORY = {"step": np.arange(3.0), "force_N": np.array([0.0, 50.0, -200.0])}
+HISTORY = {
+    "step": np.arange(3.0),
+    "force_N": np.array([0.0, 50.0, -200.0]),
+    "force_transverse_N": np.array([0.0, 1e-9, 0.0]),  # vanishes by symmetry
+    "newton_iterations": np.array([0.0, 3.0, 4.0]),
+}
 
 
 @pytest.mark.parametrize(
     ("change", "column", "size"),
     [
         ({}, "step", 0.0),
+        ({"newton_iterations": np.array([0.0, 2.0, 4.0])}, "step", 0.0),
+        ({"force_transverse_N": np.array([0.0, -1e-9, 0.0])}, "force_transverse_N", 1e-11),
         ({"force_N": np.array([2e-6, 50.0, -200.0])}, "force_N", 1e-8),
         ({"work_J": np.zeros(3)}, "columns ['work_J']", np.inf),
         ({name: values[:2] for name, values in HISTORY.items()}, "3 and 2 rows", np.inf),
     ],
 )
-def test_the_largest_difference_is_relative_to_the_size_of_its_column(
+def test_the_largest_difference_is_relative_to_the_largest_value_of_its_unit(
     change: dict[str, np.ndarray], column: str, size: float
 ) -> None:
     largest = difference(HISTORY, {**HISTORY, **change})
