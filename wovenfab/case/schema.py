@@ -38,7 +38,7 @@ from wovenfab.case.quantities import (
 )
 from wovenfab.forms.effect import Needs
 from wovenfab.sheet import probes
-from wovenfab.sheet.errors import LEAST_CROSSING
+from wovenfab.sheet.tolerance import LEAST_CROSSING
 
 STEP = (".step", ".stp")
 GEOMETRIES = (".geo", ".msh", *STEP)

@@ -23,16 +23,13 @@ from mpi4py import MPI
 from numpy.typing import NDArray
 
 from wovenfab.compat import corners_of, index_map_of, space_with
+from wovenfab.sheet.tolerance import SAME_DIRECTION, SAME_PLACE
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int32]
 #: Lines on which the placement of each family may jump: end points, shape (n, 2, 2), m.
 Lines = Sequence[Array]
 NO_LINES: Array = np.zeros((0, 2, 2))
-#: Largest distance of a node from a line that it lies on, as a share of the largest coordinate.
-ON_LINE = 1e-8
-#: Sine of the angle below which an edge runs along a line.
-ALONG = 1e-6
 #: Copies of a node: on either side of a line, one more where an edge of the sheet touches it.
 MOST = 3
 
@@ -223,7 +220,7 @@ def split_along(scalar: fem.FunctionSpace, places: Array, lines: Array) -> Split
     """
     mesh, nodes = scalar.mesh, scalar.dofmap.list
     centres = mesh.geometry.x[corners_of(mesh)][:, :, :2].mean(axis=1)
-    slack = ON_LINE * _extent(mesh)
+    slack = SAME_PLACE * _extent(mesh)
     copies, which = np.ones(len(places), dtype=np.int8), np.zeros(nodes.shape, dtype=np.int8)
     outline = _Outline(scalar, places)
     own = mesh.topology.index_map(2).size_local
@@ -289,7 +286,7 @@ class _Outline:
             other side, else 0.
         """
         slopes = self._directions @ across
-        signs = np.where(np.abs(slopes) < ALONG, 0.0, np.sign(slopes))
+        signs = np.where(np.abs(slopes) < SAME_DIRECTION, 0.0, np.sign(slopes))
         both = _summed(self._scalar, self._nodes, signs)
         sides: NDArray[np.int8] = (np.rint(both) / 2).astype(np.int8)
         return sides
@@ -309,8 +306,6 @@ def _extent(mesh: Mesh) -> float:
     return float(mesh.comm.allreduce(np.abs(mesh.geometry.x).max(initial=0.0), op=MPI.MAX))
 
 
-#: Largest |sin| of the angle between a facet and a fibre that runs along it.
-PARALLEL = 1e-9
 CROSSED = 1
 
 
@@ -329,7 +324,7 @@ def crossed_facets(mesh: Mesh, fibre: NDArray[np.float64]) -> Any:
     ends = mesh.geometry.x[entities_to_geometry(mesh, 1, facets)][:, :, :2]
     way = ends[:, 1] - ends[:, 0]
     across = np.abs(way[:, 0] * fibre[1] - way[:, 1] * fibre[0])
-    crossed = facets[across > PARALLEL * np.linalg.norm(way, axis=1)]
+    crossed = facets[across > SAME_DIRECTION * np.linalg.norm(way, axis=1)]
     tags = meshtags(mesh, 1, crossed, np.full(len(crossed), CROSSED, dtype=np.int32))
     return ufl.Measure("dS", domain=mesh, subdomain_data=tags, subdomain_id=CROSSED)
 

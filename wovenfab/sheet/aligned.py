@@ -28,6 +28,7 @@ from wovenfab.sheet.sheet import (
     name_facets,
     triangle_mesh,
 )
+from wovenfab.sheet.tolerance import SAME_PLACE
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
@@ -35,8 +36,6 @@ Triangles = NDArray[np.int64]
 Holds = Mapping[str, object]
 #: Share of a side that is left next to the set by default.
 RATIO = 0.25
-#: A vertex lies on a place that it is this close to, as a share of the largest coordinate.
-ON_PLACE = 1e-8
 #: Sides that are shorter than so many times that distance are not cut any more.
 APART = 100
 
@@ -243,7 +242,7 @@ def towards(
         layers: How often and how fast.
         size: Longest side before anything shrank, m.
     """
-    reach = ON_PLACE * float(np.abs(points).max())
+    reach = SAME_PLACE * float(np.abs(points).max())
     low, high = np.reshape(place.bounds, (2, 2)) + np.array([[-reach], [reach]])
     for level in range(0 if place.is_empty else layers.count):
         if layers.ratio ** (level + 1) * size < APART * reach:

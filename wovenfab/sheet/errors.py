@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-#: Smallest |sin| of the angle between the families.
-LEAST_CROSSING = 1e-3
-
 
 class GeometryError(Exception):
     """A geometry that cannot be meshed; the text says why and what to do."""

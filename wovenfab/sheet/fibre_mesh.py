@@ -26,10 +26,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from wovenfab.sheet.sheet import CORNER, Outline, Ring, changes
+from wovenfab.sheet.tolerance import SAME_PLACE
 
 Array = NDArray[np.float64]
-#: Positions closer than this share of the extent are the same.
-SAME = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def pieces(outline: Outline, direction: Array, offsets: Array) -> list[Array]:
     Returns:
         For each fibre the end points of its parts, shape (parts, 2, 2), m.
     """
-    reach, least = 4 * outline.extent * direction, SAME * outline.extent
+    reach, least = 4 * outline.extent * direction, SAME_PLACE * outline.extent
     origins = np.multiply.outer(offsets, across(direction))
     whole = shapely.linestrings(np.stack([origins - reach, origins + reach], axis=1))
     parts, number = shapely.get_parts(
@@ -86,7 +85,7 @@ def special_lines(outline: Outline, direction: Array, holds: Mapping[str, object
         direction: Unit vector along the fibres.
         holds: How each edge holds the family; edges that are missing leave it free.
     """
-    tolerance = SAME * outline.extent
+    tolerance = SAME_PLACE * outline.extent
     places = [p for ring in outline.rings for p in ring.points[_special(ring, direction, holds)]]
     offsets: list[float] = []
     jumps: dict[tuple[int, ...], Array] = {}
@@ -179,7 +178,7 @@ def _moved(outline: Outline, direction: Array, offset: float, gap: float, others
     across = np.array([-direction[1], direction[0]])
     meeting = others @ across - offset
     candidates = np.concatenate([[0.0], shifts, meeting[np.abs(meeting) < SHIFT * gap]])
-    tolerance = SAME * outline.extent
+    tolerance = SAME_PLACE * outline.extent
     best, chosen = -np.inf, offset
     found = pieces(outline, direction, offset + candidates)
     near = others[np.abs(meeting) < 1.5 * gap]  # all that is closer than the gap to any end
@@ -221,7 +220,7 @@ def fibre_mesh(
 
 def _faces(outline: Outline, fibres: Array, offsets: Sequence[Array]) -> Sequence[shapely.Polygon]:
     """Return the faces of the net; lines that end at one place end at one point."""
-    tolerance = SAME * outline.extent
+    tolerance = SAME_PLACE * outline.extent
     lines = [
         ends
         for family, positions in enumerate(offsets)

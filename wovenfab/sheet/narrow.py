@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import corners_of
 from wovenfab.sheet.sheet import Outline, placed
+from wovenfab.sheet.tolerance import SAME_PLACE
 
 Array = NDArray[np.float64]
 #: Two parts of a ring face each other if the way along it is this many times their distance.
 FACING = 3.0
-#: Ways along a ring that are shorter than this share of the size of the sheet do not count.
-ROUNDING = 1e-9
 #: Width, as a share of the size of the sheet, below which a place is too narrow to compute with:
 #: positions have 16 digits, and stiffness loses twice as many of them as the width does.
 TOO_NARROW = 1e-5
@@ -71,7 +70,9 @@ def narrowest(outline: Outline) -> NarrowPlace | None:
             distances = np.linalg.norm(point - feet, axis=1)
             between = np.abs(ways + position * np.sqrt(squares) - way)
             between = np.minimum(between, lengths[ring] - between)
-            facing = (ring != ring[i]) | (between > FACING * np.maximum(distances, ROUNDING * size))
+            facing = (ring != ring[i]) | (
+                between > FACING * np.maximum(distances, SAME_PLACE * size)
+            )
             distances[~facing] = np.inf
             if distances.min() < best:
                 nearest = int(distances.argmin())

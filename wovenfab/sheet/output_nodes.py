@@ -20,14 +20,12 @@ import shapely
 from numpy.typing import NDArray
 from scipy import sparse
 
+from wovenfab.sheet.tolerance import SAME_DIRECTION, SAME_PLACE
+
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 #: Key of a point that is in no cell; those of other points are smaller.
 NOWHERE = np.iinfo(np.int64).max
-#: Largest distance from a side of a point that lies on it, as a share of the largest coordinate.
-ON_SIDE = 1e-9
-#: Cosine below which a side runs along x.
-ALONG = 1e-6
 #: Signs of x and y of the sides that a point may belong to, the first one that there is.
 SIDES = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 #: Sides of a quarter of the polygon that stands for a circle.
@@ -148,7 +146,7 @@ def locate(
         key, which is smallest on the rank that has the right one of several cells.
     """
     numbers = np.arange(len(corners)) if numbers is None else numbers
-    slack = ON_SIDE * max(float(np.abs(array).max(initial=0.0)) for array in (corners, points))
+    slack = SAME_PLACE * max(float(np.abs(array).max(initial=0.0)) for array in (corners, points))
     which, cells = shapely.STRtree(shapely.polygons(corners)).query(
         shapely.points(points), predicate="dwithin", distance=slack
     )
@@ -159,7 +157,7 @@ def locate(
     size = np.linalg.norm(inwards, axis=1)
     on, (x, y) = share < slack * size, np.moveaxis(inwards, 1, 0) / size
     fits = [
-        (~on | (np.where(np.abs(x) > ALONG, right * x, up * y) > 0)).all(axis=1)
+        (~on | (np.where(np.abs(x) > SAME_DIRECTION, right * x, up * y) > 0)).all(axis=1)
         for right, up in SIDES
     ]
     turn = np.argmax([*fits, np.ones(len(which), dtype=bool)], axis=0)

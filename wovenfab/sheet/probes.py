@@ -8,7 +8,8 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from wovenfab.sheet.output_nodes import ON_SIDE, circle
+from wovenfab.sheet.output_nodes import circle
+from wovenfab.sheet.tolerance import SAME_PLACE
 
 Place = tuple[float, float]
 
@@ -90,7 +91,7 @@ class Yarn:
         along, point = fibres[self.family - 1], np.array(self.through)
         size = float(np.ptp(corners.reshape(-1, 2), axis=0).sum())
         sheet = shapely.union_all(shapely.polygons(corners))
-        for gap in (ON_SIDE * size, -ON_SIDE * size):  # cells that touch become one
+        for gap in (SAME_PLACE * size, -SAME_PLACE * size):  # cells that touch become one
             sheet = sheet.buffer(gap, join_style="mitre")
         whole = shapely.LineString([point - size * along, point + size * along])
         pieces = shapely.get_parts(shapely.intersection(sheet, whole))

@@ -33,17 +33,13 @@ from numpy.typing import NDArray
 
 from wovenfab.compat import cell_partitioner, corners_of
 from wovenfab.parallel import from_root
-from wovenfab.sheet.errors import LEAST_CROSSING
 from wovenfab.sheet.errors import GeometryError as GeometryError
+from wovenfab.sheet.tolerance import LEAST_CROSSING, SAME_DIRECTION, SAME_PLACE
 
 Array = NDArray[np.float64]
 Triangles = NDArray[np.int64]
 #: Turn (rad) above which a vertex is a corner; below, it is one of a curve's many.
 CORNER = np.radians(20)
-#: Turn (rad) below which two segments are one.
-STRAIGHT = 1e-7
-#: A facet lies on an edge that its middle is this close to, as a share of the extent.
-ON_EDGE = 1e-8
 
 
 @dataclass(frozen=True)
@@ -173,7 +169,7 @@ def placed(point: Array) -> str:
 def _straightened(ring: Ring) -> Ring:
     """Return the ring without vertices inside straight stretches of one edge."""
     before = np.roll(np.array(ring.names, dtype=object), 1)
-    keep = (np.abs(ring.turns) > STRAIGHT) | (before != np.array(ring.names, dtype=object))
+    keep = (np.abs(ring.turns) > SAME_DIRECTION) | (before != np.array(ring.names, dtype=object))
     names = [name for name, kept in zip(ring.names, keep, strict=True) if kept]
     return Ring(ring.points[keep], tuple(names))
 
@@ -342,7 +338,7 @@ def name_facets(mesh: Mesh, outline: Outline) -> tuple[MeshTags, dict[str, int]]
     marks = np.zeros(len(facets), dtype=np.int32)
     for start, end, name in outline.segments():
         if name is not None:
-            marks[_between(middles, start, end, ON_EDGE * outline.extent)] = tags[name]
+            marks[_between(middles, start, end, SAME_PLACE * outline.extent)] = tags[name]
     named = marks > 0
     return meshtags(mesh, 1, facets[named], marks[named]), tags
 
