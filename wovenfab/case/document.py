@@ -31,6 +31,7 @@ from wovenfab.case.errors import (
     reason,
     value_error,
 )
+from wovenfab.case.recorded import DEEPEST, LARGEST, MOST_VALUES
 from wovenfab.forms.table import TABLE
 
 #: Key of a value that names a file, wherever it stands in a case.
@@ -94,9 +95,6 @@ def folder_of(info: ValidationInfo) -> Path:
     return folder
 
 
-_LARGEST_FILE = 1_000_000
-_DEEPEST = 20
-_MOST_VALUES = 100_000
 _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
 
@@ -218,7 +216,7 @@ def _text_of(path: Path) -> str:
         if not path.is_file():
             what = "this is not an ordinary file" if path.exists() else "there is no such file"
             raise case_error(str(path), what)
-        if path.stat().st_size > _LARGEST_FILE:
+        if path.stat().st_size > LARGEST:
             raise case_error(str(path), "this is too large to be a case file (more than 1 MB)")
         return path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -242,7 +240,7 @@ class _Reader:
         line = node.start_mark.line + 1
         self.lines.setdefault(path, line)
         # An alias is read where it stands, and may even lead back to itself.
-        if len(path) > _DEEPEST or len(self.lines) > _MOST_VALUES:
+        if len(path) > DEEPEST or len(self.lines) > MOST_VALUES:
             raise case_error(self.file, "lists or mappings are nested too deeply", "", line)
         match node:
             case MappingNode():

@@ -16,7 +16,7 @@ from wovenfab.record.reading import RUN_AGAIN, UnreadableResultsError, damaged, 
 #: Longest reason that a message quotes.
 _LONGEST_REASON = 200
 #: Characters, values and depth of a case; none that was run has more.
-_LARGEST_TEXT, _MOST_VALUES, _DEEPEST = 1_000_000, 100_000, 20
+LARGEST, MOST_VALUES, DEEPEST = 1_000_000, 100_000, 20
 
 
 def read_yaml(path: Path) -> dict[str, Any]:
@@ -27,7 +27,7 @@ def read_yaml(path: Path) -> dict[str, Any]:
         UnreadableResultsError: It is no such file.
     """
     text = text_of(path)
-    if len(text) > _LARGEST_TEXT:
+    if len(text) > LARGEST:
         raise damaged(path, "the file is too large")
     try:
         content = YAML(typ="safe", pure=True).load(text)
@@ -52,7 +52,7 @@ def _require_small(item: Any, counted: list[int], depth: int = 0) -> None:
         ValueError: They are not.
     """
     counted[0] += 1
-    if counted[0] > _MOST_VALUES or depth > _DEEPEST:
+    if counted[0] > MOST_VALUES or depth > DEEPEST:
         raise ValueError("lists or mappings are nested too deeply")
     if isinstance(item, dict | list):
         for one in item.values() if isinstance(item, dict) else item:

@@ -21,7 +21,6 @@ from wovenfab.record.field_file import PROGRAM, Checkpoint
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.simulation.checkpoint import (
     ARRAY,
-    SAME,
     Array,
     SnapshotFormat,
     fitting,
@@ -29,6 +28,7 @@ from wovenfab.simulation.checkpoint import (
     load_checkpoint,
     values_at,
 )
+from wovenfab.stepping.program import SAME
 
 #: Sections of a case that a run may change when it goes on.
 FREE = {

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cache
 from math import radians
 
+from scipy.constants import g
+
 from wovenfab.case import units
 
 #: SI units of the quantities of a curve.
@@ -54,14 +56,13 @@ _WHOLE_UNITS = {
     "in": ("inch", "inches", "zoll"),
 }
 _PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "": 1.0, "k": 1e3}
-_GRAVITY = 9.80665
 #: Units that are known at once, with SI unit and factor.
 UNITS: dict[str, tuple[str, float]] = {
     **{f"{p}{unit}": (unit, f) for unit in ("m", "N", "s") for p, f in _PREFIXES.items()},
     **{"daN": ("N", 10.0), "MN": ("N", 1e6), "dyn": ("N", 1e-5)},
     **{"in": ("m", 0.0254), "ft": ("m", 0.3048), "mil": ("m", 2.54e-5)},
     **{"min": ("s", 60.0), "h": ("s", 3600.0)},
-    **{"gf": ("N", _GRAVITY * 1e-3), "kgf": ("N", _GRAVITY), "kp": ("N", _GRAVITY)},
+    **{"gf": ("N", g * 1e-3), "kgf": ("N", g), "kp": ("N", g)},
     **{"lbf": ("N", 4.4482216152605), "ozf": ("N", 4.4482216152605 / 16)},
     **{"rad": ("rad", 1.0), "mrad": ("rad", 1e-3)},
 }

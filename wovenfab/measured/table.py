@@ -29,12 +29,10 @@ from wovenfab.measured.numbers import (
     number,
     thousands,
 )
-from wovenfab.measured.text import BLANKS, SEPARATORS, cells_of_text
+from wovenfab.measured.text import BLANKS, SAMPLE, SEPARATORS, cells_of_text
 from wovenfab.measured.workbook import cells_of_workbook, is_workbook
 
 Array = NDArray[np.float64]
-#: Rows that tell the usual number of numbers in a row.
-SAMPLE = 300
 #: Fewest rows of a second table that is asked for, and its size over that of the longest one.
 SECOND, COMPARABLE = 3, 0.5
 #: A cell that stands for a number that is missing.

@@ -14,7 +14,7 @@ from wovenfab.measured.numbers import is_number, plain
 BLANKS = " "
 #: How cells may be separated, with names for people.
 SEPARATORS = {"\t": "tabs", ";": "semicolons", "|": "bars", ",": "commas", BLANKS: "blanks"}
-#: Lines by which the separator is found: all of the first ones, and as many spread over the rest.
+#: First lines by which separators (with as many spread over the rest) and columns are found.
 SAMPLE = 300
 #: First bytes of files that are no text, and what they are.
 OTHERS = {

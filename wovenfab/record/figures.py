@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.constants import g
 
 from wovenfab.record.reading import damaged, read_object
 from wovenfab.record.results import FIGURES, FIGURES_TABLE, rows_of, write_csv, write_whole
@@ -24,10 +25,8 @@ if TYPE_CHECKING:
 Values = NDArray[np.float64]
 #: Columns of ``history.csv``.
 Columns = Mapping[str, Values]
-#: Standard gravity, m/s^2: the weight of 1 gf is that of 1 g.
-GRAVITY = 9.80665
-#: Force per width of 1 gf/cm, N/m; work per area of 1 gf·cm/cm^2, J/m^2.
-GF_PER_CM = 1e-3 * GRAVITY / 1e-2
+#: Force per width of 1 gf/cm, N/m; work per area of 1 gf·cm/cm^2, J/m^2; g is standard gravity.
+GF_PER_CM = 1e-3 * g / 1e-2
 #: Unit of a laboratory for each unit of a figure, and its size in that.
 LABORATORY: Mapping[str, tuple[str, float]] = {
     "N/(m·rad)": ("gf/(cm·deg)", GF_PER_CM * 180 / pi),

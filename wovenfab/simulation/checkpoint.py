@@ -28,6 +28,7 @@ from wovenfab.record.field_file import PROGRAM, Checkpoint, newest_checkpoint, w
 from wovenfab.record.fields import Blocks
 from wovenfab.record.results import NothingToResumeError
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.sheet.tolerance import SAME_PLACE
 from wovenfab.stepping.program import Program
 from wovenfab.stepping.step import Step
 
@@ -41,9 +42,6 @@ ARRAY, POINTS = "array", "points"
 #: Array of the mesh: corners of each cell (m), then tags of the edges opposite to them; shape
 #: (cells, 9). And key of the tags by edge.
 MESH, EDGES = "mesh", "edges"
-#: Difference of displacements over the largest one, and of positions over the size of the sheet,
-#: below which programs and meshes are the same.
-SAME = 1e-9
 
 
 class SnapshotFormat:
@@ -268,7 +266,7 @@ def has_mesh(sheet: Sheet, checkpoint: Checkpoint) -> bool:
         return (
             sheet.edges == checkpoint.values[EDGES]
             and before.shape == now.shape
-            and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME * size)
+            and bool(np.abs(now[:, :6] - before[:, :6]).max() <= SAME_PLACE * size)
             and bool((now[:, 6:] == before[:, 6:]).all())
         )
 

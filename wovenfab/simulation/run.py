@@ -29,9 +29,10 @@ from wovenfab.record.history import (
 from wovenfab.record.results import NothingToResumeError, this_process, write_whole
 from wovenfab.record.summary import SUMMARY, summarise, write_cycles, write_summary
 from wovenfab.sheet.output_nodes import OutputNodes
-from wovenfab.simulation.checkpoint import SAME, Checkpoints, go_on
+from wovenfab.simulation.checkpoint import Checkpoints, go_on
 from wovenfab.simulation.progress import Interruption, Progress, Stopwatch
 from wovenfab.simulation.simulation import Observer, Outcome, Simulation
+from wovenfab.stepping.program import SAME
 from wovenfab.stepping.stability import StabilityLoss, StabilityLostError
 from wovenfab.stepping.step import Step
 

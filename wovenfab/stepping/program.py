@@ -177,10 +177,8 @@ def program_of(pieces: Sequence[Piece]) -> Program:
     return Program(tuple(milestones), tuple(pieces), tuple(places))
 
 
-#: Difference of times, over the whole one, below which they are the same.
-SAME = 1e-11
-#: Round-off of a number of steps.
-SLACK = 1e-9
+#: Relative difference below which two times, two displacements and two numbers of steps are one.
+SAME = 1e-9
 
 
 def side_by_side(*programs: Sequence[Piece], extra: Sequence[float] = ()) -> list[list[Piece]]:
@@ -223,7 +221,7 @@ def _cut(pieces: Sequence[Piece], times: Sequence[float]) -> Iterator[Piece]:
         since, until = 0.0 if first else begin - start, s.duration if final else end - start
         yield Piece(
             end - begin,
-            max(1, ceil(s.steps * (until - since) / s.duration - SLACK)),
+            max(1, ceil(s.steps * (until - since) / s.duration - SAME)),
             partial(_within, s.path, since, until, end - begin),
             first and s.jump,
             first and s.starts_cycle,

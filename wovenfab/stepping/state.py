@@ -15,7 +15,7 @@ from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.model.model import preserved
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult
-from wovenfab.stepping.program import Program
+from wovenfab.stepping.program import SAME, Program
 from wovenfab.stepping.schemes import Scheme, extrapolation
 from wovenfab.stepping.step import StartFailedError
 
@@ -27,9 +27,8 @@ Array = NDArray[np.float64]
 KEPT = 4
 #: Steps of the last length over which the state is extrapolated at all.
 FARTHEST_AHEAD = 4.0
-#: Largest number of states that are kept for the way back, and difference of two displacements,
-#: relative, below which they are the same.
-VISITED, SAME = 16, 1e-9
+#: Largest number of states that are kept for the way back.
+VISITED = 16
 #: Distance from the linearly extrapolated state, over the change in a step, from which the step
 #: counts as a snap. In bias extension it is far below, in a snap about one.
 SNAP = 0.3

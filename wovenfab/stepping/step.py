@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from wovenfab.model.memory import attributes, take_attributes
 from wovenfab.solver.problem import SolveResult
-from wovenfab.stepping.program import SLACK, Milestone
+from wovenfab.stepping.program import SAME, Milestone
 from wovenfab.stepping.stability import StabilityLoss
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ class StepSizeControl:
         if -inf < self._target <= now:
             self.bracketed(self._before)
         left = end - now
-        number = max(1, ceil(left / self._length - SLACK))
+        number = max(1, ceil(left / self._length - SAME))
         return end if number == 1 else now + left / number
 
     def accepted(self, length: float, iterations: int) -> None:

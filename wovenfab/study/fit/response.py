@@ -35,6 +35,7 @@ from wovenfab.measured.columns import said
 from wovenfab.measured.curve import Measured, reversed_force
 from wovenfab.model.model import Model, preserved
 from wovenfab.model.probes import PointFields, located
+from wovenfab.stepping.program import SAME
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -48,8 +49,6 @@ FEWEST = 3
 STEEP = 2.0
 #: File of a command that has the parameters by which the curve is differentiated.
 TARGETS = "targets.pickle"
-#: Relative difference of two times that are the same.
-SAME_TIME = 1e-9
 #: Iterations for the displacement of the sample behind a spring.
 ITERATIONS = 50
 
@@ -149,7 +148,7 @@ def computed(
                 steps.append(step)
                 slopes = simulation.stepper.state_derivatives
                 for key, place in places.items():
-                    if isclose(step.time, place.time, rel_tol=SAME_TIME):
+                    if isclose(step.time, place.time, rel_tol=SAME):
                         fields[key] = probes[key].values(slopes)
     except (CaseError, StepFailedError, StabilityLostError) as error:
         raise TrialError(str(error)) from error
