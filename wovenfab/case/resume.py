@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -102,7 +102,7 @@ def state_checkpoint(case: Case, comm: MPI.Comm) -> Checkpoint:
         with fitting(directory):
             before, now = checkpoint.values["case"], fixed_part(case)
             parts = "sheet", "discretisation"
-            differing = [name for name in parts if before.get(name) != now.get(name)]
+            differing = " and ".join(n for n in parts if before.get(n) != now.get(n))
     except NothingToResumeError as error:
         raise CaseError([case.problem(STATE, str(error))]) from error
     _require_equal(case, differing)
@@ -127,29 +127,27 @@ def state_of(case: Case, model: Model) -> Array:
     return state
 
 
-def _require_equal(case: Case, differing: Sequence[str]) -> None:
+def _require_equal(case: Case, differing: str) -> None:
     """Raise if the sheet of the run that a case starts from differs in something."""
     if differing:
-        message = (
-            f"the run in {case.from_state} has another sheet: {' and '.join(differing)} differ"
-        )
+        message = f"the run in {case.from_state} has another sheet: {differing} differ"
         remedy = "Take the same sheet, elements and number of placements."
         raise CaseError([case.problem(STATE, message, remedy)])
 
 
-def _differing(model: Model, checkpoint: Checkpoint) -> tuple[list[str], str]:
+def _differing(model: Model, checkpoint: Checkpoint) -> tuple[str, str]:
     """Return what the mesh of a checkpoint has otherwise, and its array of a state; collective."""
     same = has_mesh(model.sheet, checkpoint)
     name = str(checkpoint.values["stepper"]["state"]["states"][0][ARRAY])
     size = int(np.prod(model.placements.blocks.shape[1:])) * 2
     cells, values = compute_on_root(model.comm, lambda: checkpoint.arrays[name].shape)
     if not same:
-        return ["the meshes that its geometry gives"], name
+        return "the meshes that its geometry gives", name
     if values != size:
-        return ["the number of placements"], name
+        return "the number of placements", name
     if cells != model.sheet.mesh.topology.index_map(2).size_global:
-        return ["the number of cells"], name
-    return [], name
+        return "the number of cells", name
+    return "", name
 
 
 def _require_case(checkpoint: Checkpoint, directory: Path) -> None:

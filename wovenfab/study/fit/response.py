@@ -35,7 +35,6 @@ from wovenfab.measured.columns import said
 from wovenfab.measured.curve import Measured, reversed_force
 from wovenfab.model.model import Model, preserved
 from wovenfab.model.probes import PointFields, located
-from wovenfab.stepping.program import SAME
 from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step, StepFailedError
 from wovenfab.study.cluster import CASE, portable
@@ -148,7 +147,7 @@ def computed(
                 steps.append(step)
                 slopes = simulation.stepper.state_derivatives
                 for key, place in places.items():
-                    if isclose(step.time, place.time, rel_tol=SAME):
+                    if isclose(step.time, place.time):
                         fields[key] = probes[key].values(slopes)
     except (CaseError, StepFailedError, StabilityLostError) as error:
         raise TrialError(str(error)) from error
