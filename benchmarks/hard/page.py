@@ -14,8 +14,8 @@ HEAD = """# Hard cases
 `make hard` runs them all, each in a process of its own, prints this table and writes this page;
 `make hard rows="locking long"` runs those whose names begin so, `quick=--quick` their small
 versions, which `make test-all` runs, too. Results are stored in `results/hard`, so that an
-interrupted run goes on where it was. A row *passes* if all its thresholds hold; where physics ends it must
-*stop with a diagnosis*. The thresholds are in
+interrupted run goes on where it was. A row *passes* if all its thresholds hold; where
+physics ends it must *stop with a diagnosis*. The thresholds are in
 [benchmarks/hard/families](../benchmarks/hard/families), what the diagnoses mean in
 [troubleshooting](troubleshooting.md).
 """
