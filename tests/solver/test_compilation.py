@@ -48,7 +48,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """An empty cache of kernels that all ranks share, in which FFCx waits for one second."""
     folder = Path(MPI.COMM_WORLD.bcast(str(tmp_path)))
     monkeypatch.setenv("XDG_CACHE_HOME", str(folder))
-    monkeypatch.setattr(assembly, "PATIENCE", 1)
+    options = assembly.jit_options
+    monkeypatch.setattr(assembly, "jit_options", lambda: options() | {"timeout": 1})
     return folder
 
 

@@ -8,6 +8,8 @@ from math import pi
 import numpy as np
 import pytest
 import ufl
+from mpi4py import MPI
+from petsc4py import PETSc
 
 from tests import scenes
 from wovenfab.compat import NOT_FINITE
@@ -16,7 +18,7 @@ from wovenfab.forms.effect import Effect, Parameter, Term
 from wovenfab.forms.kinematics import norm
 from wovenfab.model.constraints import Grip
 from wovenfab.model.model import Model, Numerics, build_model
-from wovenfab.solver.diagnosis import Diagnosis, diagnose, proven_penalty
+from wovenfab.solver.diagnosis import Diagnosis, diagnose, null_vector, proven_penalty
 from wovenfab.solver.problem import SolveResult, SolverOptions
 from wovenfab.stepping.program import program_of, ramp
 from wovenfab.stepping.schemes import SCHEMES
@@ -82,6 +84,21 @@ def test_a_motion_that_nothing_resists_is_named() -> None:
     found = failure(with_own(own(energy, "stretching"), ()), 0.1).diagnosis
     assert "singular" in found.cause
     assert "hold more edges" in found.remedy
+
+
+def test_the_direction_that_nothing_resists_is_that_of_the_free_one_of_two_chains() -> None:
+    links = 20
+    chain = 2 * np.eye(links) - np.eye(links, k=1) - np.eye(links, k=-1)
+    held, free = chain.copy(), chain.copy()
+    held[-1, -1] = free[0, 0] = free[-1, -1] = 1.0
+    dense = np.block([[held, np.zeros_like(held)], [np.zeros_like(held), free]])
+    matrix = PETSc.Mat().createAIJ(dense.shape, nnz=3, comm=MPI.COMM_SELF)
+    for row, column in np.argwhere(dense):
+        matrix.setValue(row, column, 1e6 * dense[row, column])
+    matrix.assemble()
+    found = np.abs(null_vector(matrix))
+    matrix.destroy()
+    assert found == pytest.approx(np.repeat([0, 1 / np.sqrt(links)], links), abs=1e-8)
 
 
 @pytest.mark.parametrize("degree", [2, pytest.param(3, marks=pytest.mark.slow)])

@@ -144,18 +144,9 @@ def _processor() -> str:
     return "\n".join(sorted(kinds)) or platform.machine()
 
 
-#: Time (s) that FFCx waits for another process to compile the same kernel, before this one
-#: looks whether that process is still alive.
-PATIENCE = 10
-
-
 def jit_options() -> dict[str, Any]:
     """Return the options of dolfinx's just-in-time compiler that are not its defaults."""
-    return {
-        "cffi_extra_compile_args": list(FLAGS),
-        "cache_dir": str(cache_folder()),
-        "timeout": PATIENCE,
-    }
+    return {"cffi_extra_compile_args": list(FLAGS), "cache_dir": str(cache_folder())}
 
 
 def _options() -> dict[str, Any]:

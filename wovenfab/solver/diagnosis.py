@@ -23,8 +23,8 @@ from wovenfab.solver.problem import SolveResult
 Array = NDArray[np.float64]
 #: Sine of the angle between the families below which a sheet counts as locked (6°).
 LOCKED = 0.1
-#: Shift over the largest diagonal entry, and inverse iterations, for a null vector.
-NULL_SHIFT, NULL_ITERATIONS = 1e-12, 3
+#: Shift over the largest diagonal entry, for a null vector: above pivots that count as null.
+NULL_SHIFT = 1e-12
 
 
 def proven_penalty(model: Model) -> float:
@@ -245,7 +245,9 @@ def pivots_of(matrix: Any) -> tuple[int, int]:
 
 
 def null_vector(matrix: Any) -> Array:
-    """Return the direction that a (nearly) singular matrix resists least; collective.
+    """Return a direction that a singular matrix does not resist; collective.
+
+    One inverse iteration finds it: by so small a shift all others have no part in it.
 
     Args:
         matrix: Symmetric; it is left with a tiny shift.
@@ -257,11 +259,9 @@ def null_vector(matrix: Any) -> Array:
     matrix.shift(NULL_SHIFT * (diagonal.norm(PETSc.NormType.INFINITY) or 1.0))
     direct, (vector, image) = _factorised(matrix), matrix.createVecs()
     vector.set(1.0)
-    for _ in range(NULL_ITERATIONS):
-        direct.solve(vector, image)
-        image.scale(1 / (image.norm() or 1.0))
-        image.copy(vector)
-    values = np.array(vector.array_r)
+    direct.solve(vector, image)
+    image.scale(1 / (image.norm() or 1.0))
+    values = np.array(image.array_r)
     for item in (direct, vector, image, diagonal):
         item.destroy()
     return values
