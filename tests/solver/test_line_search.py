@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from wovenfab.case import read_case
 from wovenfab.case.objects import sheet_of, simulation_of
-from wovenfab.solver.globalisation import LOOSE, LineSearch
+from wovenfab.solver.globalisation import LOOSE, LineSearch, backtrack
 from wovenfab.solver.tangent_spectrum import TangentSpectrum
 from wovenfab.stepping.step import Step
 
@@ -74,6 +74,15 @@ def test_a_whole_step_may_rise_a_little_from_the_lowest_potential_so_far() -> No
     assert hills.search.potential == little and hills.search.decrement == inf
     assert hills.go() < 1e-3  # the next one has to go down, and finds no way
     assert hills.search.failures == 1
+
+
+@pytest.mark.parametrize(("gain", "length"), [(5e-5, 0.5), (5e-4, 1.0)])
+def test_a_step_that_gains_a_ten_thousandth_of_what_its_slope_promises_is_enough(
+    gain: float, length: float
+) -> None:
+    """The constant of sufficient decrease of Nocedal and Wright (2006), section 3.1."""
+    found, _ = backtrack(lambda at: -gain if at == 1.0 else -at / 2, 0.0, 1.0, 1.0, 0.0)
+    assert found == length
 
 
 def test_steps_that_rise_more_or_are_by_indefinite_tangents_are_shortened() -> None:
