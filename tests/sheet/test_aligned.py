@@ -96,6 +96,16 @@ def test_the_outline_of_a_mesh_is_found_again_with_its_names() -> None:
     assert ring.names[int(np.flatnonzero((ring.points == [0, 0]).all(axis=1))[0])] == "bottom"
 
 
+def test_the_outline_of_a_fine_polygon_keeps_all_its_corners() -> None:
+    """Of 1000 sides, which turn by 0.36 degrees each: a curve is not a straight line."""
+    angles = 2 * np.pi * np.arange(1000) / 1000
+    rim = np.column_stack([np.cos(angles), np.sin(angles)])
+    points = np.vstack([rim, [0.0, 0.0]])
+    triangles = np.array([(i, (i + 1) % 1000, 1000) for i in range(1000)])
+    (ring,) = outline_of(points, triangles, {}).rings
+    assert len(ring.points) == 1000
+
+
 @pytest.mark.parametrize("corner_size", [None, 0.01])
 def test_edges_are_named_on_coarse_and_on_graded_meshes(corner_size: float | None) -> None:
     grading = grading_of(0.1, corner_size) if corner_size else None
