@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from numpy.typing import NDArray
 
 from tests.outlines import HOLDS, SHAPES, Angles, fibres_at, lines_and_mesh
+from wovenfab.case import read_case
+from wovenfab.case.objects import sheet_of, simulation_of
 from wovenfab.sheet.aligned import (
     BONDED,
     RATIO,
@@ -20,6 +24,8 @@ from wovenfab.sheet.aligned import (
     shrunk,
     singular_points,
 )
+
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def areas(points: NDArray[np.float64], cells: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -121,3 +127,16 @@ def test_a_layer_leaves_cells_away_from_its_set_as_and_where_they_were() -> None
     whole = cells[~on[cells].any(axis=1)]
     kept = [tuple(cell) for cell in found if tuple(cell) in set(map(tuple, whole))]
     assert kept == list(map(tuple, whole))
+
+
+def peak_force(corner_size: str) -> float:
+    """Return the force (N) that pulls a bonded sheet by 10 mm, by a coarse mesh."""
+    mesh = f"{{degree: 2, mesh: fibres, mesh_size: 150 mm, corner_size: {corner_size}}}"
+    changes = (f"discretisation={mesh}", "program=[{type: ramp, to: 10 mm, steps: 1}]")
+    case = read_case(CONFIGS / "bonded-1x3.yaml", changes)
+    with simulation_of(case, sheet_of(case, MPI.COMM_SELF)) as simulation:
+        return list(simulation.steps())[-1].reactions["right"][0]
+
+
+def test_cells_become_no_smaller_than_positions_allow_whatever_is_asked_for() -> None:
+    assert peak_force("1e-10 m") == pytest.approx(peak_force("0.01 mm"), rel=1e-3)
