@@ -7,7 +7,7 @@ jobs  = 2
 before = main
 enter = env/enter
 
-.PHONY: help run paper pictures test test-all test-next test-wheels suite dist lint size docs bench accuracy hard survive fuzz random layers stale unchanged paraview-check clean clean-environment
+.PHONY: help run paper pictures test test-all test-next test-wheels suite dist lint size docs constants bench accuracy hard survive fuzz random layers stale unchanged paraview-check clean clean-environment
 
 help: ## print the targets (the default)
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 26
@@ -51,6 +51,9 @@ lint: ## style, format and types
 
 size: ## lines of code, functions, numbers and public names by layer; it judges nothing
 	$(enter) python3 -m benchmarks.size
+
+constants: ## change each named number of the core and of the studies: which test fails (an hour)
+	$(enter) python3 -m benchmarks.constants $(only)
 
 docs: ## write docs/parameters.md anew and build the documentation site: build/site/index.html
 	$(enter) wovenfab schema --effects > docs/parameters.md

@@ -61,13 +61,15 @@ def _searched() -> list[Figure]:
             raise RuntimeError(ended.failure)
         summary = read_summary(f"{folder}/run")
     said = summary["accuracy"]["figures"]
-    errors = {name: 100 * figure["relative_error"] for name, figure in said.items()}
+    stated = {name: figure["relative_error"] for name, figure in said.items()}
+    errors = {name: 100 * error for name, error in stated.items() if error is not None}
     of = f"{summary['unknowns']} unknowns and {summary['steps']} steps, {SMALL_RANKS} ranks"
+    rest = "".join(f", {name} not known" for name in stated.keys() - errors)
     name = f"slip cycle within {100 * SMALL:g} %"
     return [
         Figure(f"{name}, time", ended.seconds, 180.0, "s", f"with search and compiling, {of}"),
         Figure(
             f"{name}, error", max(errors.values()), 100 * SMALL, "%",
-            f"as stated, {', '.join(f'{figure} {e:.2g} %' for figure, e in errors.items())}",
+            f"as stated, {', '.join(f'{figure} {e:.2g} %' for figure, e in errors.items())}{rest}",
         ),
     ]  # fmt: skip
