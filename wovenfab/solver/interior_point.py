@@ -29,22 +29,19 @@ from wovenfab.model.memory import PointValues, attributes
 Array = NDArray[np.float64]
 #: Largest length of a step over that at which a bound is reached; exponent of the centring.
 SHARE, CENTRING = 0.995, 4
-#: Largest number of centrality corrections; step length from which none is tried; gain in length
-#: that a correction is for, and the one that it must give.
-CORRECTIONS, FAR, GAIN, LEAST_GAIN = 4, 0.95, 0.15, 0.01
-#: Range of the products p (zeta - tau), over their mean, without a correction (Gondzio, 1996).
-LEAST, MOST = 0.1, 10.0
+#: Largest number of centrality corrections; range of the products p (zeta - tau), over their mean,
+#: without one (Gondzio, 1996).
+CORRECTIONS, LEAST, MOST = 4, 0.1, 10.0
 #: Stiffness of friction over that of the sheet, as stiff as its yarns in tension, maybe a million
-#: times softer in shear: in the first iteration at most, before any step and, later, largest; and
-#: at most over the secant: the bound over the largest increment of the last step.
-FIRST, UNKNOWN, LARGEST, SECANT = 1e-3, 1e-5, 1e3, 3.0
+#: times softer in shear: in the first iteration at most, and of a point that sticks.
+FIRST, STUCK = 1e-3, 1e7
 #: Least p and q at the start over a large increment: in general and, where the last step goes on,
 #: at least, and over the share of energy by which the laws are missed.
 START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
 #: Largest distance of a stress from its bound at the start, over the bound.
 START_ROOM = 0.5
-#: That share from which it does not go on, and from which the first iteration led nowhere.
-MISLED, LOST = 0.5, 10.0
+#: That share from which it does not go on.
+MISLED = 0.5
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
 #: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
@@ -52,15 +49,14 @@ OF_LOSS, OF_ENERGY = 100.0, 0.1
 #: Least bound that varies, over the stress by which the sheet resists a displacement as large as a
 #: cell: friction of no bound at all has no interior, and one that is left out cannot come back.
 LEAST_BOUND = 1e-12
-#: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
-#: distance of a stress from its bound, over the bound.
-STUCK, INSIDE = 1e7, 1e-12
+#: Least distance of a stress from its bound, over the bound, where a creep is asked for.
+INSIDE = 1e-12
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
 #: Stands for infinity.
 HUGE = 1e30
 #: Values at points that later steps depend on.
-MEMORY = "_accepted", "_stiffness", "_secant", "_last_tangent"
+MEMORY = "_accepted", "_stiffness", "_last_tangent"
 
 
 class CentralPathTarget(NamedTuple):
@@ -129,7 +125,6 @@ class InteriorPoint:
         self._direction = Direction(none, none, none)  # of the next step
         self._accepted = none  # stress of the accepted state
         self._stiffness = none  # of the sheet, as seen by each point, N/m^3
-        self._secant = none  # most that the last step suggests for the first iteration, N/m^3
         self._least = none  # increment that counts as none
         self._last_tangent: Array | None = None  # d tau/d b at the end of the last step, N/m^3
         self._goes_on = False  # whether the present step goes on as the last one
@@ -154,7 +149,6 @@ class InteriorPoint:
         self.started = False
         if not self.diagonal:
             self._measure_stiffness(diagonal)
-            self._secant = UNKNOWN * self._stiffness
         if self._renew_bound(LEAST_BOUND * np.sqrt(self.diagonal * self._stiffness)):
             self._accepted = np.clip(self._accepted, -self.bound, self.bound)
         self._least = NOTHING * self.bound / (FIRST * self._stiffness)
@@ -167,9 +161,6 @@ class InteriorPoint:
     def accept(self) -> None:
         """Take the present stresses as those of the accepted state; collective."""
         self._accepted = self.stress
-        largest = self._largest(self._increment)
-        if self._sum(float(largest.any())) and self.acts:  # a rank may have no such point
-            self._secant = SECANT * self.bound / np.maximum(largest, 1 / HUGE)
         self._last_tangent = self._linearised()[1] if self.started else None
 
     def restore(self) -> None:
@@ -219,17 +210,16 @@ class InteriorPoint:
         now = self._sum(self.gap())
         then = self._sum(self.gap(predictor, min(1.0, self._longest(predictor))))
         mu = (then / now) ** CENTRING * now / (2 * self._total_area)
-        target, longest, reach, corrected = self.target(creep, mu, predictor), 0.0, -1.0, step
+        target, longest, corrected = self.target(creep, mu, predictor), -1.0, step
         for _ in range(1 + CORRECTIONS):
             displacement, tried = towards(target)
             length = self._longest(tried)
-            if min(1.0, length) < reach + LEAST_GAIN:
+            if length <= longest:
                 break
-            corrected, self._direction = displacement, tried
-            longest, reach = length, min(1.0, length)
-            if reach >= FAR:
+            corrected, self._direction, longest = displacement, tried, length
+            if longest >= 1:
                 break
-            target = self.nearer(target, creep, mu, tried, min(1.0, reach + GAIN))
+            target = self.nearer(target, creep, mu, tried)
         # Steps come the closer to the bounds the less is missing, for quick convergence.
         share = 1 - min(1 - SHARE, now / self._sum(self.loss()))
         return corrected, min(1.0, share * longest)
@@ -264,9 +254,8 @@ class InteriorPoint:
             self.take_step(self._direction, length)
             return
         self._extrapolate()
-        if attained and not self._start():
-            self._goes_on = False  # the first step once more, as if all slid
-            self._extrapolate()
+        if attained:
+            self._start()
 
     def obeys_law(self, tolerance: float, energy: Callable[[], float]) -> bool:
         """Return whether the stresses obey their laws; collective.
@@ -296,7 +285,7 @@ class InteriorPoint:
         if self.acts:
             tangent = STUCK * self._stiffness
             if self.started:
-                tangent, by_bound = self._linearised(STUCK)[1], -self.bound_slope()
+                tangent, by_bound = self._linearised()[1], -self.bound_slope()
         self.give_tangent(tangent)
         return tangent, by_bound
 
@@ -404,12 +393,7 @@ class InteriorPoint:
         return CentralPathTarget(up, down, creep + up / above - down / below)
 
     def nearer(
-        self,
-        target: CentralPathTarget,
-        creep: Array,
-        mu: float,
-        direction: Direction,
-        length: float,
+        self, target: CentralPathTarget, creep: Array, mu: float, direction: Direction
     ) -> CentralPathTarget:
         """Return a target by which products far from the central path come nearer to it.
 
@@ -417,12 +401,11 @@ class InteriorPoint:
             target: The target before.
             creep: Creep at the present stress.
             mu: Mean of all products, N/m.
-            direction: That of the target before.
-            length: Step length at which the products are taken.
+            direction: That of the target before; the products are those of its whole length.
         """
         above, below = self._room()
-        up = (self._up + length * direction.up) * (above - length * direction.stress)
-        down = (self._down + length * direction.down) * (below + length * direction.stress)
+        up = (self._up + direction.up) * (above - direction.stress)
+        down = (self._down + direction.down) * (below + direction.stress)
         least, most = LEAST * mu, MOST * mu
         more_up = np.maximum(np.clip(up, least, most) - up, -most)
         more_down = np.maximum(np.clip(down, least, most) - down, -most)
@@ -479,13 +462,12 @@ class InteriorPoint:
 
     def _first_tangent(self) -> Array:
         """Return d tau/d b for the first iteration: that of the last step, or as if all slid."""
-        slid = np.minimum(FIRST * self._stiffness, self._secant)
-        return np.asarray(self._last_tangent if self._goes_on else slid)
+        return np.asarray(self._last_tangent if self._goes_on else FIRST * self._stiffness)
 
-    def _linearised(self, largest: float = LARGEST) -> tuple[Array, Array]:
+    def _linearised(self) -> tuple[Array, Array]:
         """Return the creep at the present stress, and d tau/d b of the linearised law."""
         creep, slope = self._creep()
-        return creep, self.tangent(slope, largest * self._stiffness)
+        return creep, self.tangent(slope, STUCK * self._stiffness)
 
     def _creep(self) -> Array:
         """Return b below the bound and its slope by the stress, shape (2, n)."""
@@ -506,18 +488,15 @@ class InteriorPoint:
         parts = self.missed_and_lost(sliding, self.stress, self._least, soft)
         return self._sum(parts[0]) / self._sum(parts[1]), sliding
 
-    def _start(self) -> bool:
-        """Start the method where the first step has led, unless that is nowhere; collective."""
+    def _start(self) -> None:
+        """Start the method where the first step has led; collective."""
         share, sliding = self._share_missed()
-        if self._goes_on and share > LOST:
-            return False
         near = self._goes_on and share < MISLED
         slip = np.maximum(self._largest(self._increment), self._least)
         slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
         self.start_stress(self.stress, sliding, slip if near else None)
         self.start_split(self._increment - self._creep()[0], slip, near)
         self.started = True
-        return True
 
     def _longest(self, direction: Direction) -> float:
         """Return the step length at which the first point reaches a bound; collective."""
