@@ -40,8 +40,6 @@ FIRST, STUCK = 1e-3, 1e7
 START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
 #: Largest distance of a stress from its bound at the start, over the bound.
 START_ROOM = 0.5
-#: That share from which it does not go on.
-MISLED = 0.5
 #: Increment that counts as none, over the one at which the first stiffness reaches the bound.
 NOTHING = 1e-6
 #: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
@@ -155,7 +153,7 @@ class InteriorPoint:
         self._increment = self._all(FrictionStress.increments)
         self._set_stress(self._accepted)
         moves = self._last_tangent is not None and self._sum(float(self._increment.any())) > 0
-        self._goes_on = moves and self._share_missed()[0] < MISLED
+        self._goes_on = moves and self._share_missed()[0] < 1  # less is missed than lost
         self._extrapolate()
 
     def accept(self) -> None:
@@ -491,7 +489,7 @@ class InteriorPoint:
     def _start(self) -> None:
         """Start the method where the first step has led; collective."""
         share, sliding = self._share_missed()
-        near = self._goes_on and share < MISLED
+        near = self._goes_on and share < 1
         slip = np.maximum(self._largest(self._increment), self._least)
         slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
         self.start_stress(self.stress, sliding, slip if near else None)
