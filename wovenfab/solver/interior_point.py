@@ -33,8 +33,8 @@ SHARE, CENTRING = 0.995, 4
 #: without one (Gondzio, 1996).
 CORRECTIONS, LEAST, MOST = 4, 0.1, 10.0
 #: Stiffness of friction over that of the sheet, as stiff as its yarns in tension, maybe a million
-#: times softer in shear: in the first iteration at most, and of a point that sticks.
-FIRST, STUCK = 1e-3, 1e7
+#: times softer in shear: in the first iteration and, later, at most, to limit round-off.
+FIRST, LARGEST = 1e-3, 1e3
 #: Least p and q at the start over a large increment: in general and, where the last step goes on,
 #: at least, and over the share of energy by which the laws are missed.
 START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
@@ -47,8 +47,9 @@ OF_LOSS, OF_ENERGY = 100.0, 0.1
 #: Least bound that varies, over the stress by which the sheet resists a displacement as large as a
 #: cell: friction of no bound at all has no interior, and one that is left out cannot come back.
 LEAST_BOUND = 1e-12
-#: Least distance of a stress from its bound, over the bound, where a creep is asked for.
-INSIDE = 1e-12
+#: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
+#: distance of a stress from its bound, over the bound.
+STUCK, INSIDE = 1e7, 1e-12
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
 #: Stands for infinity.
@@ -283,7 +284,7 @@ class InteriorPoint:
         if self.acts:
             tangent = STUCK * self._stiffness
             if self.started:
-                tangent, by_bound = self._linearised()[1], -self.bound_slope()
+                tangent, by_bound = self._linearised(STUCK)[1], -self.bound_slope()
         self.give_tangent(tangent)
         return tangent, by_bound
 
@@ -462,10 +463,10 @@ class InteriorPoint:
         """Return d tau/d b for the first iteration: that of the last step, or as if all slid."""
         return np.asarray(self._last_tangent if self._goes_on else FIRST * self._stiffness)
 
-    def _linearised(self) -> tuple[Array, Array]:
+    def _linearised(self, largest: float = LARGEST) -> tuple[Array, Array]:
         """Return the creep at the present stress, and d tau/d b of the linearised law."""
         creep, slope = self._creep()
-        return creep, self.tangent(slope, STUCK * self._stiffness)
+        return creep, self.tangent(slope, largest * self._stiffness)
 
     def _creep(self) -> Array:
         """Return b below the bound and its slope by the stress, shape (2, n)."""
