@@ -32,7 +32,7 @@ TOLERANCE, STEPS, CELLS, SHARE = 1e-12, 0.15, 1.5, 1e-2
 ROUND_OFF = 0.03
 #: Changes for programs of which steps are cut, at lengths that the parameters decide: compression
 #: ends before the sheet buckles, and the pantograph is drawn in steps that all succeed.
-CHANGES = {"compression": {"program.to": "-0.02 mm"}, "pantograph": {"program.steps": "100"}}
+CHANGES = {"compression": {"program.to": "-0.02 mm"}, "pantograph": {"program.steps": "140"}}
 #: Part of the largest value below which a change of a parameter by its own size is without effect:
 #: round-off of a stiff sheet's force (1e-7) over the change of the parameter is larger than it.
 WITHOUT_EFFECT = 1e-3
