@@ -214,3 +214,26 @@ def test_tension_needs_no_more_factors_than_newton_in_the_whole_program(
         assert equilibrium.solve().negatives == 0
     assert not made
     equilibrium.destroy()
+
+
+def test_a_mode_that_becomes_the_softest_is_seen_though_it_lies_across_the_last_one() -> None:
+    """The vector that is iterated has no part of it: another mode was softest for many steps."""
+    _, equilibrium, _ = pushed(0.0)
+    spectrum, matrix = equilibrium.spectrum, equilibrium.tangent()
+    spectrum._assemble = lambda: None  # the matrix stays
+    free = np.flatnonzero(spectrum._start.array_r)
+    seen = []
+    for soft, other, steps in ((1.0, 3.0, 40), (1.0, 0.3, 10)):
+        for _ in range(steps):
+            matrix.zeroEntries()
+            diagonal = matrix.getDiagonal()
+            diagonal.array_w[:] = 1e3
+            diagonal.array_w[free[[10, 20]]] = soft, other
+            matrix.setDiagonal(diagonal)
+            matrix.assemble()
+            spectrum._linear.renew()
+            assert spectrum.judge(0.0) == 0
+            diagonal.destroy()
+        seen.append(spectrum._value)
+    assert seen == pytest.approx([1.0, 0.3], rel=0.02)
+    equilibrium.destroy()
