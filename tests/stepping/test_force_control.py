@@ -2,22 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mpi4py import MPI
 
-from tests.scenes import BONDED, PROTOTYPE, PROTOTYPE_TWO_STEPS, SCHEMES, model, sheet, solver
+from tests.scenes import (
+    BONDED,
+    CLAMP,
+    PROTOTYPE,
+    PROTOTYPE_TWO_STEPS,
+    SCHEMES,
+    TABLE_1,
+    model,
+    sheet,
+    solver,
+)
 from wovenfab import CaseError, read_case, simulate
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.stepping.program import Program, cycle, program_of, table
+from wovenfab.model.constraints import Grip, Held
+from wovenfab.stepping.program import Program, cycle, program_of, ramp, table
+from wovenfab.stepping.stability import StabilityLostError
 from wovenfab.stepping.step import Step
 from wovenfab.stepping.time_stepper import TimeStepper
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 COARSE = {"discretisation.degree": "2", "discretisation.mesh_size": "150 mm"}
+SMALLEST = 1 / 64
 LAWS = {
     "bonded": BONDED,
     "slip": (*BONDED, "coupling", "slip_friction"),
@@ -30,7 +44,7 @@ def forced(names: tuple[str, ...], scheme: str, program: Program) -> tuple[list[
     """Return all steps, and the force (N) on the right edge where each has its equilibrium."""
     numerics = PROTOTYPE if scheme == "backward-euler" else PROTOTYPE_TWO_STEPS
     equilibrium = solver(model(sheet(), names, numerics))
-    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], 1 / 64)
+    stepper = TimeStepper(equilibrium, program, SCHEMES[scheme], SMALLEST)
     stepper.control_force()
     steps, forces = [], []
     for step in stepper.steps():
@@ -76,6 +90,35 @@ def test_a_held_force_creeps_and_a_displacement_held_after_it_stays() -> None:
     assert moved[10] > 1.05 * moved[4]
     assert set(moved[10:14]) == {moved[10]}
     assert force[-1] == pytest.approx(0.0, abs=1e-5)
+
+
+def test_a_force_beyond_a_limit_point_is_refused_and_the_largest_one_is_found() -> None:
+    """Yarns askew to the clamps are compressed as these move past each other, then released."""
+    values = {**TABLE_1, "stretch": {"stiffness": (1e5, 0.0)}, "shear": {"stiffness": 1.0}}
+    on = sheet(0.1, 0.3, 0.05, fibres=(0.35, 0.35 - np.pi / 2))
+    past = Grip("left", CLAMP), Grip("right", (Held(), Held(-1.0)))
+
+    def steps(program: Program, force: bool) -> Iterator[Step]:
+        equilibrium = solver(model(on, BONDED, PROTOTYPE, values), past)
+        stepper = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], SMALLEST)
+        if force:
+            stepper.control_force()
+        yield from stepper.steps()
+
+    moved = list(steps(program_of([ramp(0.0, 0.03, 1.0, 30)]), force=False))
+    peak = max(moved, key=lambda s: s.force)
+    assert moved[-1].force < peak.force / 2
+    largest, forced = 2 * peak.force, [moved[0]]
+    with pytest.raises(StabilityLostError) as lost:
+        for step in steps(program_of(table(0.0, [0.0, 1.0], [0.0, largest], force=True)), True):
+            forced.append(step)
+    last = forced[-1]
+    assert peak.force - 2 * SMALLEST * largest < last.force < 1.01 * peak.force
+    assert lost.value.loss.displacement == last.displacement < peak.displacement + 0.001
+    assert lost.value.loss.force == last.force
+    curve = np.array([(s.displacement, s.force) for s in moved]).T
+    found = np.interp([s.displacement for s in forced], *curve)
+    assert np.abs(found - [s.force for s in forced]).max() < 0.01 * peak.force
 
 
 @pytest.mark.parametrize(

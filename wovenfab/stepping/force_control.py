@@ -32,16 +32,15 @@ if TYPE_CHECKING:
     from wovenfab.stepping.state import State
 
 Array = NDArray[np.float64]
-#: Error of the force over the largest one, and the one that is good enough if it stays.
-TOLERANCE, ROUNDED = 1e-9, 1e-7
-#: Change of the force over the largest one from which a secant is not spoiled by rounding.
-SECANT = 1e-6
-#: Equilibria for one step at most, and those among them that fail or are not stable.
-MOST, FAILURES = 20, 4
+#: Error of the force over the largest one.
+TOLERANCE = 1e-9
+#: Change of the force over the largest one up to which rounding may decide: an error that stays is
+#: good enough, and no secant is drawn.
+ROUNDED = 1e-7
+#: Equilibria for one step at most.
+MOST = 20
 #: Largest change of the displacement at once, over the size of the sheet.
 FARTHEST = 0.1
-#: Error of the first slope, relative.
-ROUGH = 1e-4
 
 
 @dataclass(frozen=True)
@@ -110,8 +109,7 @@ class ForceControl:
         field, own = self._problem.model.field.x, self._problem.model.placements.owned
         low, high = -np.inf, np.inf  # displacements between which the force is attained
         last: _Point | None = None
-        failures, iterations = 0, 0
-        u, self.beyond = state.reached, None
+        iterations, u, self.beyond = 0, state.reached, None
         self._y[:] = 0.0
         for _ in range(MOST):
             result = state.solve_for(u)
@@ -125,28 +123,18 @@ class ForceControl:
                     return result
                 if last and size <= ROUNDED * scale and size > abs(last.lack) / 2:
                     return result
-                point = self._point(u, lack, last, SECANT * scale)
+                point = self._point(u, lack, last, ROUNDED * scale)
                 if point and not last:
                     point = replace(point, lack=target - self._reached(u))
-            if point:
-                last = point
-                low, high = (u, high) if lack > 0 else (low, u)
-                step = lack / point.slope
-                following = u + max(-self._farthest, min(step, self._farthest))
-                if not low < following < high:
-                    following = (low + high) / 2
-            else:
-                failures += 1
-                if failures == FAILURES or (last is None and not self.beyond):
-                    return replace(result, converged=result.converged and not self.beyond)
-                good = last.displacement if last else state.displacement
-                low, high = (low, u) if u > good else (u, high)
-                following = (good + u) / 2
-            field.array[:own] = last.field if last else state.states[0][:own]
-            if last:
-                field.array[:own] += (following - last.displacement) * last.change
+            if not point:
+                return replace(result, converged=result.converged and not self.beyond)
+            low, high = (u, high) if lack > 0 else (low, u)
+            following = u + max(-self._farthest, min(lack / point.slope, self._farthest))
+            if not low < following < high:
+                following = (low + high) / 2
+            field.array[:own] = point.field + (following - u) * point.change
             field.scatter_forward()
-            u = following
+            last, u = point, following
         return replace(result, converged=False, reason="DIVERGED_FORCE")
 
     def _point(self, u: float, lack: float, last: _Point | None, least: float) -> _Point | None:
@@ -190,7 +178,7 @@ class ForceControl:
         b, x = problem.residual, solver.newton.solution
         b.array_w[:] = force
         fem_petsc.set_bc(b, problem.constraints.bcs, alpha=0.0)
-        solver.linear.solve(b, x, ROUGH)
+        solver.linear.solve(b, x)
         return np.array(x.array_r)
 
     def _reached(self, u: float) -> float:

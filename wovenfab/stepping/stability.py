@@ -95,12 +95,12 @@ class StabilityLoss:
 
     def __str__(self) -> str:
         """Say where, how well it is known, and at which load."""
-        load = max(float(np.hypot(*force)) for force in self.reactions.values())
         known = f"known to {1e3 * abs(self.increment):.1g} mm"
         beside = f"; of the second program {1e3 * self.second:.6g} mm" if self.second else ""
         return (
             f"the sheet loses its stability at t = {self.time:.6g} s (displacement "
-            f"{1e3 * self.displacement:.6g} mm, {known}{beside}) under a force of {load:.6g} N"
+            f"{1e3 * self.displacement:.6g} mm, {known}{beside}) under a force of "
+            f"{abs(self.force):.6g} N"
         )
 
 
