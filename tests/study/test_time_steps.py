@@ -70,23 +70,23 @@ def test_errors_of_earlier_trials_are_their_distances_from_the_limit_but_not_by_
 
 def test_an_earlier_trial_is_enough_where_a_finer_one_shows_that_it_was() -> None:
     """Its three did not, for losses that grow alike show no order."""
-    values = {0.5: 0.9985, 1.0: 0.999, 2.0: 0.9997, 8.0: 0.99999}
+    values = {0.125: 0.9985, 0.25: 0.999, 0.5: 0.9997, 2.0: 0.99999}
     search = StepSearch(case_of("bias-1x3"), ALONE, str)
     curve = SimpleNamespace(
         peak_of_spline=lambda: (0.0, 1.0), missed_peak=lambda: 0.0, times=[], breaks=[]
     )
     made = {
         n: SimpleNamespace(
-            count=int(20 * n),
+            count=int(80 * n),
             figures={DISSIPATED: v},
             curve=curve,
-            outcome=SimpleNamespace(iterations=int(60 * n)),
+            outcome=SimpleNamespace(iterations=int(240 * n)),
         )
         for n, v in values.items()
     }
-    first = {n: made[n] for n in (0.5, 1.0, 2.0)}
+    first = {n: made[n] for n in (0.125, 0.25, 0.5)}
     assert search._least(adaptive_steps, first, 2e-3).estimated_error > 2e-3  # type: ignore[arg-type]
-    assert search._least(adaptive_steps, made, 2e-3).number == 2.0  # type: ignore[arg-type]
+    assert search._least(adaptive_steps, made, 2e-3).number == 0.5  # type: ignore[arg-type]
 
 
 def test_steps_longer_than_friction_takes_to_follow_a_jump_are_known_to_be_too_long() -> None:
@@ -201,8 +201,8 @@ def test_a_trial_is_given_up_once_its_steps_take_more_tangents_than_another_kind
     case = trial_of(case_of("bias-1x3", CYCLE, "time.scheme=bdf3", elements(2, 0.15)), 1e-3)
     lines, on = list[str](), sheet(case)
     search = StepSearch(case, ALONE, lines.append)
-    assert search._enough(adaptive_steps, 0.001, least=10, number=0.5) is None
-    assert search._enough(adaptive_steps, 0.001, least=inf, number=1) is None
+    assert search._enough(adaptive_steps, 0.001, least=10, number=0.125) is None
+    assert search._enough(adaptive_steps, 0.001, least=inf, number=0.25) is None
     assert not lines  # no trial got to its end, and none of more steps was begun
     with pytest.raises(TooLongError, match=r"more than 10 tangents in [1-9] steps"):
         response_of(case, on, tangents=10)
@@ -291,7 +291,7 @@ def test_one_more_step_ends_at_the_peak_of_every_largest_cycle() -> None:
     search = StepSearch(trial, ALONE, str)
     missed, extra = search._missed(with_steps(trial, 0.15), coarse)
     assert len(extra) == 1
-    steps = TimeSteps(equal_steps, 0.6, {}, 0.0, {}, missed, extra)
+    steps = TimeSteps(equal_steps, 0.15, {}, 0.0, {}, missed, extra)
     chosen = steps.of(case)
     first, small, _ = (end for _, end in program_of_case(case).cycles)
     assert chosen.time.extra_times == pytest.approx((extra[0], small + extra[0]))

@@ -162,7 +162,7 @@ def plan(
     rest = case.accuracy - error
     more = STEPS_MARGIN * rest if error <= left else share * error / case.accuracy
     steps = search.steps_for(more) or steps
-    logger.info("steps: %.3g times the first %s", steps.number, steps.words)
+    logger.info("steps: %.3g times the usual, %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
     reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"

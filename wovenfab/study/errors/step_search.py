@@ -41,17 +41,17 @@ log = logging.getLogger(__name__)
 
 #: Called with a line on each trial.
 Report = Callable[[str], None]
-#: Returns a case with so many times the steps of the first trial.
+#: Returns a case with a share of the usual number of steps.
 Kind = Callable[[Case, float], Case]
 #: Share of the peak that is counted as missed over what is expected from trials.
 UNSURE = 2.0
-#: Share of the usual number of equal steps that are counted as one, and how many of these the
-#: first trial has.
-FIRST_SHARE, FIRST = 0.25, 0.5
+#: Shares of the usual number of steps in the first trial and, at most, in the last one.
+FIRST, MOST = 0.125, 32.0
 #: Error of a step beyond which equal ones are cut, too.
 COARSE = 0.5
-#: Share of the usual number of steps that adaptive ones are planned with, their first tolerance.
-PLANNED, FIRST_TOLERANCE = 0.075, 0.02
+#: Share of the usual number of steps that adaptive ones are planned with, and the tolerance by
+#: which they are about as many as usual.
+PLANNED, TOLERANCE = 0.075, 3e-4
 #: Growth of the number of steps up to which a trial is extrapolated, and the largest from trial
 #: to trial; numbers up to there of which the least is taken that is enough.
 FAR, FARTHEST, OPTIONS = 2.0, 4.0, 48
@@ -59,14 +59,8 @@ FAR, FARTHEST, OPTIONS = 2.0, 4.0, 48
 APART = 1.4
 #: Distance of an extra step from the others, over the shortest of these, that is none.
 NEAR = 0.25
-#: Growth of the number of steps up to which no other kind is tried.
-EASY = 4.0
-#: Growth of tangents with twice the steps, at least.
-DEARER = 1.4
 #: Round-off of an error that just reaches the target.
 ALMOST = 1 + 1e-9
-#: Largest number of steps over that of the first trial, and trials of one kind.
-MOST, TRIALS = 128.0, 8
 
 
 @dataclass(frozen=True)
@@ -75,7 +69,7 @@ class TimeSteps:
 
     Attributes:
         kind: Equal or adaptive ones.
-        number: Of steps over that of the first trial.
+        number: Of steps over the usual one.
         errors: Their signed errors over the figures.
         effort: Tangents in the trial.
         orders: In which the errors fall with the number.
@@ -113,7 +107,7 @@ class TimeSteps:
         """Return about the largest error of a share of the usual number of equal steps."""
         if self.kind is not equal_steps:
             return inf
-        growth = share / (FIRST_SHARE * self.number)
+        growth = share / self.number
         return max((abs(e) / growth ** self.orders[n] for n, e in self.errors.items()), default=0.0)
 
     def error_of_more(self, growth: float) -> float:
@@ -130,13 +124,13 @@ class TimeSteps:
 
 
 def equal_steps(case: Case, number: float) -> Case:
-    """Return a case with ``number`` times the first trial's equal steps, cut where too coarse."""
-    return with_steps(case, FIRST_SHARE * number, COARSE if _measured(case) else None)
+    """Return a case with ``number`` times the usual equal steps, cut where too coarse."""
+    return with_steps(case, number, COARSE if _measured(case) else None)
 
 
 def adaptive_steps(case: Case, number: float) -> Case:
-    """Return a case with about ``number`` times the first trial's adaptive steps."""
-    return with_steps(case, PLANNED, FIRST_TOLERANCE / number ** scheme_of(case).order)
+    """Return a case with about ``number`` times the usual steps, adaptive ones."""
+    return with_steps(case, PLANNED, TOLERANCE / number ** scheme_of(case).order)
 
 
 class StepSearch:
@@ -220,11 +214,11 @@ class StepSearch:
                 continue
             options.append(option)
             log.info(
-                "%s: %.3g times the first, error %.2g of %.2g, %.0f tangents",
+                "%s: %.3g times the usual, error %.2g of %.2g, %.0f tangents",
                 option.words, option.number, option.estimated_error, target, option.effort,
             )  # fmt: skip
-            if option.number <= EASY and _reaches(option, target):
-                break
+            if option.number <= 1 and _reaches(option, target):
+                break  # no more than usual: no other kind is tried
         if not options:
             return None
         return min(options, key=lambda o: (not _reaches(o, target), o.effort))
@@ -235,17 +229,17 @@ class StepSearch:
         """Return how many steps of a kind are enough.
 
         None where none can be made, or where they would take more tangents than ``least``: a trial
-        that takes too many for that is given up. The first trial has ``number`` times the steps
-        of a kind.
+        that takes too many for that is given up. The first trial has ``number`` times the usual
+        steps.
         """
         best = None
         tried = {n: r for (k, n), r in self._tried.items() if k is kind and r}
         known = {n: tried[n] for n in sorted(tried)}
         if known:
             number = max(tried)
-        for _ in range(TRIALS):
+        while number <= MOST:
             # The third trial may be judged, and be a multiple of what is enough.
-            most = least * FAR if len(known) >= 2 else least / DEARER
+            most = least * FAR if len(known) >= 2 else least
             if (response := self._response(kind, number, most)) is None:
                 if kind in self._given_up:
                     break
@@ -260,9 +254,7 @@ class StepSearch:
                 if _reaches(best, target):
                     break
                 growth = min(max(best.number / number * best.lacking(target), FAR), FARTHEST)
-                if growth * number > MOST:
-                    break
-            if DEARER * tangents > least:
+            if tangents > least:
                 break
             number *= growth
         return best
@@ -328,7 +320,7 @@ class StepSearch:
         return ForceCurve(times, curve.spline(times), curve.breaks).missed_peak(), tuple(extra)
 
     def _response(self, kind: Kind, number: float, most: float) -> Response | None:
-        """Return the response with so many times the first steps; None where it has no end.
+        """Return the response with so many times the usual steps; None where it has no end.
 
         It is given up after so many tangents, ``most``.
         """
