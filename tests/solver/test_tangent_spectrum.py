@@ -148,6 +148,16 @@ def test_the_mode_is_the_eigenvector_of_the_lowest_eigenvalue(times: float) -> N
     equilibrium.destroy()
 
 
+@pytest.mark.parametrize("times", [0.5, 0.9])
+def test_one_inverse_iteration_has_the_smallest_eigenvalue_to_a_thousandth(times: float) -> None:
+    _, equilibrium, _ = pushed(times * CRITICAL)
+    values, rows = tangent(equilibrium), held(equilibrium)
+    free = np.setdiff1d(np.arange(len(values)), rows)
+    lowest = np.linalg.eigvalsh(values[np.ix_(free, free)])[0]
+    assert equilibrium.spectrum._value == pytest.approx(lowest, rel=1e-3)
+    equilibrium.destroy()
+
+
 def test_a_null_pivot_is_not_negative() -> None:
     _, equilibrium, _ = pushed(0.0)
     matrix, spectrum = equilibrium.tangent(), equilibrium.spectrum

@@ -103,7 +103,10 @@ def test_a_force_beyond_a_limit_point_is_refused_and_the_largest_one_is_found() 
         stepper = TimeStepper(equilibrium, program, SCHEMES["backward-euler"], SMALLEST)
         if force:
             stepper.control_force()
-        yield from stepper.steps()
+        try:
+            yield from stepper.steps()
+        finally:
+            equilibrium.destroy()
 
     moved = list(steps(program_of([ramp(0.0, 0.03, 1.0, 30)]), force=False))
     peak = max(moved, key=lambda s: s.force)

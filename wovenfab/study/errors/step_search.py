@@ -50,7 +50,7 @@ FIRST, MOST = 0.125, 32.0
 #: Error of a step beyond which equal ones are cut, too.
 COARSE = 0.5
 #: Share of the usual number of steps that adaptive ones are planned with, and the tolerance by
-#: which they are about as many as usual.
+#: which those of a scheme of third order are about as many as usual.
 PLANNED, TOLERANCE = 0.075, 3e-4
 #: Growth of the number of steps up to which a trial is extrapolated, and the largest from trial
 #: to trial; numbers up to there of which the least is taken that is enough.
