@@ -15,9 +15,9 @@ from wovenfab.case import CaseError, read_case
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
 from wovenfab.study.fit.identifiability import Identifiability, in_words, knowledge, sign_runs
-from wovenfab.study.fit.objective import Evaluation, Objective
+from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import compared, computed
-from wovenfab.study.fit.search import offset, profile, search
+from wovenfab.study.fit.search import offset, search
 
 CASE = """\
 sheet: {length: 0.6 m, width: 0.2 m, fibres: [45 deg, -45 deg]}
@@ -181,24 +181,6 @@ def test_derivatives_of_compared_forces_agree_with_differences(tmp_path: Path) -
             difference = (ends[0] - ends[1]) / 2e-4
             size = np.abs(difference).max()
             assert np.abs(e.jacobian[:, k] - difference).max() < 2e-4 * size
-
-
-@pytest.mark.slow
-def test_a_run_that_fails_is_a_rejected_trial(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fit = read_fit(place(tmp_path, curve=curve_of(tmp_path)))
-    attempt, calls = Objective.attempt, list[float]()
-
-    def sometimes(self: Objective, values: Mapping[str, float], scale: float) -> Evaluation | None:
-        calls.append(scale)
-        if len(calls) == 3:  # the first point after the start
-            return None
-        return attempt(self, values, scale)
-
-    monkeypatch.setattr(Objective, "attempt", sometimes)
-    values, _, _ = found(fit, tmp_path)
-    assert values == pytest.approx(TRUTH, rel=1e-2)
 
 
 @pytest.mark.slow
@@ -378,17 +360,3 @@ def test_a_run_is_drawn_over_a_measured_curve_with_its_distance(tmp_path: Path) 
     (tmp_path / "other.csv").write_text("u_mm,F_N\n0,0\n30,1\n60,2\n30,1\n0,0\n")
     other = wovenfab(*report, "other.csv", cwd=tmp_path)
     assert "same: no distance: other.csv has 2 branches of loading" in other.stdout
-
-
-@pytest.mark.slow
-def test_the_profile_of_a_nearly_linear_fit_is_its_interval(tmp_path: Path) -> None:
-    fit = read_fit(place(tmp_path, curve=curve_of(tmp_path, noise=0.002)))
-    with Objective(fit, tmp_path / "runs") as objective:
-        result = search(objective, fit)
-        e = result.evaluation
-        parts = e.residuals, e.jacobian, e.comparisons, result.shift
-        known = knowledge(fit, result.values, *parts)
-        first = known.intervals[0]
-        one = profile(objective, fit, result, first.name, first.half)
-    assert len(one.values) == 7
-    assert [one.low, one.high] == pytest.approx([first.low, first.high], rel=0.02)

@@ -28,22 +28,16 @@ from wovenfab.study.fit.objective import Correction, Evaluation, FitTrial, Objec
 from wovenfab.study.fit.response import TrialError
 
 Array = NDArray[np.float64]
-#: Changes of the parameters and slopes that end a search with coarse runs in any case.
-TOLERANCES = {"xtol": 1e-4, "gtol": 1e-8}
-#: Relative change of the sum of squares that ends a first one, and one with corrected runs.
-CHANGE = 0.1, 1e-3
 #: Distance from the solution that ends the search: the part of the residuals that a linear step
 #: would remove over the rest, each by its degrees of freedom (Bates and Watts, Technometrics 23
 #: (1981) 179-183, doi:10.1080/00401706.1981.10486260). At 1 the solution is as far away as the
 #: ends of a confidence region.
 NEAR = 0.3
-#: The same for the first search, with coarse runs that are not corrected yet.
-FIRST_NEAR = 1.0
 #: Linear step, in scaled parameters, that ends it in any case: curves without noise leave no rest.
 LEAST_STEP = 3e-4
-#: First trust region of a search with coarse runs, in scaled parameters: by factors of 3, and of
-#: 1.35 once they are corrected. Share of it after fine runs that got worse.
-REGION, LESS = (1.1, 0.3), 0.3
+#: Relative change of the sum of squares that does, too: where parameters are known only together,
+#: there is a valley of nearly the same sum.
+CHANGE = 1e-3
 #: Size of cells and steps of coarse runs over those of the cases, and of runs that are finer.
 COARSE, FINER = 2.0, 0.7
 #: Numbers of cells and steps of such runs over those of the cases.
@@ -53,14 +47,12 @@ COUNTS = 1 / COARSE, 1.0, 1 / FINER
 ORDERS = 1.0, 2.0
 #: Part of the misfit that the error by cells and steps may have.
 SHARE = 0.1
-#: Residual of a run that failed, over the largest one before.
-FAILED = 10.0
-#: Usual number of coarse and of fine trials, and time of a fine one over that of a coarse one.
-USUAL, FINE_TIME = (10, 2), 4.0
+#: Usual number of coarse and of fine trials.
+USUAL = 10, 2
 #: Places of a profile, over half of the interval by the covariance.
 PROFILE = (0.5, 1.0, 1.5)
-#: Largest number of coarse trials of one search, and of fine trials in all.
-MOST_COARSE, MOST_FINE = 40, 6
+#: Largest number of fine trials; share of the trust region after one that got worse.
+MOST_FINE, LESS = 6, 0.3
 #: How often other rows may become comparable by the machine's parameters that were found.
 MOST_ROWS = 3
 
@@ -151,10 +143,10 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
         TrialError: No run came to its end at the start.
     """
     if near is None:
-        values, coarse = _minimised(objective, fit, start_values(objective, fit), REGION[0])
+        values, coarse = _minimised(objective, fit, start_values(objective, fit))
     else:
         values, coarse = dict(near), _tried(objective, near, COARSE)
-    best, scale, region = _tried(objective, values, 1.0), 1.0, REGION[1]
+    best, scale, region = _tried(objective, values, 1.0), 1.0, 1.0
     error, shift = discretisation_error(fit, best, coarse)
     for _ in range(MOST_FINE):
         weights = best.weights(fit)
@@ -165,10 +157,10 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
             scale, as_said, best = FINER, best, _tried(objective, values, FINER)
             error, shift = discretisation_error(fit, as_said, coarse, best)
             continue
-        other, beside = _minimised(objective, fit, values, region, correction)
+        other, beside = _minimised(objective, fit, values, correction, region=region)
         done = objective.attempt(other, scale)
         if done is None or _square(done, weights) > _square(best, weights):
-            region *= LESS
+            region *= LESS  # the correction does not hold so far away
             continue
         values, best, coarse = other, done, beside
         if scale == 1:
@@ -194,7 +186,7 @@ def share_done(trials: Sequence[FitTrial], refine: bool) -> float:
     """Return the share of a search's time that is over, with the usual number of trials."""
     coarse, fine = ([t.seconds for t in trials if t.coarse == kind] for kind in (True, False))
     of_one = sum(coarse) / len(coarse) if coarse else 0.0
-    of_fine = max(fine, default=FINE_TIME * of_one)
+    of_fine = max(fine, default=COARSE**2 * of_one)  # by the number of cells
     usual = USUAL[1] + refine
     left = max(USUAL[0] - len(coarse), 1) * of_one + max(usual - len(fine), 0) * of_fine
     spent = sum(coarse) + sum(fine)
@@ -227,13 +219,13 @@ def _minimised(
     objective: Objective,
     fit: Fit,
     start: Mapping[str, float],
-    region: float,
     correction: Correction | None = None,
     fixed: str = "",
+    region: float = 1.0,
 ) -> tuple[dict[str, float], Evaluation]:
     """Return values of least squares by (corrected) coarse runs, and what these runs give there.
 
-    ``region`` is the first trust region, in scaled parameters; ``fixed`` keeps its value.
+    ``fixed`` keeps its value; ``region`` is the first trust region, in scaled parameters.
 
     Raises:
         TrialError: The run at the start did not come to its end.
@@ -243,48 +235,45 @@ def _minimised(
 
     def scaled_at(q: Array) -> Array:
         scaled = origin.copy()
-        scaled[free] += region * q
+        scaled[free] += q
         return scaled
 
     def coarse_at(q: Array) -> Evaluation | None:
         return objective.attempt(objective.values(scaled_at(q)), COARSE)
 
+    low, high = ((bound - origin)[free] for bound in objective.bounds)
+    margin = 1e-9 * (high - low)
+    q = np.clip(np.zeros_like(low), low + margin, high - margin)
+    if (first := coarse_at(q)) is None:
+        raise TrialError(f"the run at the start failed: {objective.trials[-1].failure}")
+    weights = first.weights(fit)
     known: list[Array] = []
-    first: list[Array] = []
 
     def at(q: Array) -> tuple[Array, Array] | None:
         if (done := coarse_at(q)) is None:
             return None
-        if correction is None:
-            first.append(done.weights(fit))
-            return first[0] * done.residuals, (first[0][:, None] * done.jacobian)[:, free]
-        return correction.applied(done, scaled_at(q), free)
+        if correction is not None:
+            return correction.applied(done, scaled_at(q), free)
+        return weights * done.residuals, (weights[:, None] * done.jacobian)[:, free]
 
     def residuals(q: Array) -> Array:
         if (done := at(q)) is not None:
             known.append(done[0])
             return done[0]
-        if not known:
-            raise TrialError(f"the run at the start failed: {objective.trials[-1].failure}")
-        worst = max(float(np.abs(one).max()) for one in known)
-        return np.full_like(known[0], FAILED * worst)  # a trial that is rejected
+        return np.full_like(weights, np.abs(known).max())  # worse than any run: it is rejected
 
     def jacobian(q: Array) -> Array:
         done = at(q)
         assert done is not None
-        near = NEAR if correction else FIRST_NEAR
-        if is_near(done[0], done[1][:, (q > low) & (q < high)], near):
+        if is_near(done[0], done[1][:, (q > low) & (q < high)]):
             raise _NearEnoughError(q)
-        return region * done[1]
+        return done[1]
 
-    low, high = ((bound - origin)[free] / region for bound in objective.bounds)
-    margin = 1e-9 * (high - low)
-    q = np.clip(np.zeros_like(low), low + margin, high - margin)
     try:
         if free.any():
             q = least_squares(
-                residuals, q, jacobian, bounds=(low, high), max_nfev=MOST_COARSE,
-                ftol=CHANGE[1 if correction else 0], **TOLERANCES,
+                residuals, q, jacobian, bounds=(low, high), x_scale=region,
+                xtol=LEAST_STEP, ftol=CHANGE,
             ).x  # fmt: skip
     except _NearEnoughError as near:
         q = near.q
@@ -323,9 +312,7 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
             scaled[place] = at
             try:
                 start = objective.values(scaled)
-                values, done = _minimised(
-                    objective, fit, start, REGION[1], found.correction, fixed=name
-                )
+                values, done = _minimised(objective, fit, start, found.correction, name)
             except TrialError:
                 break
             scaled = objective.scaled(values)
@@ -351,16 +338,15 @@ def profile(objective: Objective, fit: Fit, found: Found, name: str, half: float
     return Profile(name, tuple(points), tuple(map(float, rise / limit)), lowest, highest)
 
 
-def is_near(residuals: Array, jacobian: Array, near: float = NEAR) -> bool:
+def is_near(residuals: Array, jacobian: Array) -> bool:
     """Return whether the solution is near: by the relative offset, or by the linear step.
 
     Args:
         residuals: Shape (n,); the offset needs more than p of them.
         jacobian: Their derivatives by the scaled parameters that may move, shape (n, p).
-        near: Relative offset that is near.
     """
     n, p = jacobian.shape
-    if not p or (n > p and offset(residuals, jacobian) <= near):
+    if not p or (n > p and offset(residuals, jacobian) <= NEAR):
         return True
     step = np.linalg.lstsq(jacobian, residuals, rcond=1e-6)[0]
     return bool(np.abs(step).max() <= LEAST_STEP)
