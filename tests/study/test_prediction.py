@@ -89,6 +89,20 @@ def test_the_band_of_a_spring_is_its_closed_form_and_the_machine_takes_no_part(
     assert made.replaced  # the case had another value
 
 
+@pytest.mark.parametrize(("deviation", "far"), [(0.2, False), (0.3, True)])
+def test_ends_of_a_band_that_change_a_parameter_by_half_are_said_to_be_far(
+    deviation: float, far: bool, tmp_path: Path
+) -> None:
+    strip = case(tmp_path, STRIP.replace("VALUE", "800 N/m"))
+    lines = []
+    for part in (1e-3, deviation):  # of the value; an end is two of them away
+        values = {"stretch.stiffness[1]": 800.0}
+        made = fitted_case(strip, fitted(values, [[(part * 800.0) ** 2]]))
+        assert not made.replaced
+        lines.append(in_words(banded(made), made))
+    assert len(lines[1]) - len(lines[0]) == far
+
+
 def test_what_is_known_as_a_sum_predicts_by_the_sum(tmp_path: Path) -> None:
     # Of two numbers of a formula the force of a strip tells one combination, its mean stiffness.
     same = case(tmp_path, STRIP.replace("VALUE", "300 N/m + 200 N/m * (1 + 0.1 * x / 0.2 m)"))

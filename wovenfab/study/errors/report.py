@@ -20,6 +20,7 @@ from wovenfab.case.program import prescribe_forces
 from wovenfab.record.history import peak_force
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
+from wovenfab.sheet.tolerance import SAME_DIRECTION
 from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
@@ -35,8 +36,6 @@ logger = logging.getLogger(__name__)
 #: ``make random`` fits and prints them.
 TRIALS = (1.63, 0.12, 0.17, 1.12, 0.21, 0.03, 0.23)
 RUN = (1.09, -0.06, -0.07, 1.05, 0.32, -0.02, 0.36)
-#: Angle to the mean of the families beyond which fibres are askew, rad.
-ASKEW = 0.01
 #: Why an accuracy counts as not reached where nothing slides in the trials of steps, or where these
 #: lack another figure.
 NO_LOSS = "yarns slide with these elements, but not on the coarse mesh on which steps are judged"
@@ -134,7 +133,7 @@ def traits(case: Case) -> tuple[float, ...]:
         float(case.needs.history),
         float(any(entry.effect.set_valued for entry in case.scene)),
         float(any(isinstance(segment, CyclesSection) for segment in segments)),
-        float(abs(sum(case.sheet.fibres)) > ASKEW),
+        float(abs(sum(case.sheet.fibres)) > SAME_DIRECTION),  # askew to the edges
         log(USUAL_ACCURACY / case.accuracy),
     )
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isclose
 from pathlib import Path
 
 import numpy as np
@@ -43,8 +44,6 @@ QUANTITIES = {
     "force_N": ("d_force/d_", "force_low_N", "force_high_N"),
     "dissipated_J": ("d_dissipated/d_", "dissipated_low_J", "dissipated_high_J"),
 }
-#: What numbers differ by in files and in a case.
-ROUNDING = 1e-9
 #: Share of its variances by which a covariance may be asymmetric, or negative in a direction.
 DAMAGED = 1e-6
 
@@ -162,7 +161,7 @@ def fitted_case(case: Case, fitted: FittedValues) -> FittedCase:
             continue
         changed = with_value(changed, target, value, unit)
         targets[name] = target
-        if abs(before - value) > ROUNDING * abs(value):
+        if not isclose(before, value):  # but for round-off in files
             replaced.append(f"{name}: {value:.5g} {unit} of the fit in place of {before:.5g}")
     if problems:
         raise CaseError(problems)
