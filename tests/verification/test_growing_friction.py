@@ -74,6 +74,15 @@ def test_coulomb_friction_in_a_picture_frame_has_its_closed_form(
     assert found[-1].dissipated["spin_friction"] == pytest.approx(loss, rel=1e-8)
 
 
+def test_coulomb_friction_that_begins_without_any_bound_comes_to_its_loss(tmp_path: Path) -> None:
+    """The bound at the start of the first step is zero everywhere."""
+    angles = np.array([*np.linspace(0, TOP, 17), *np.linspace(TOP, 0, 17)[1:]])
+    law = {"law": "coulomb", "strength": "3 N/m * (gamma/20 deg)^2"}
+    found = list(wovenfab.steps(picture_frame(tmp_path, angles, law)))
+    loss = 2 * SIDE**2 * 3 * TOP**3 / (3 * ANGLE**2)
+    assert found[-1].dissipated["spin_friction"] == pytest.approx(loss, rel=0.01)
+
+
 @pytest.mark.slow
 def test_the_balance_of_energy_closes_with_the_square_of_the_step(tmp_path: Path) -> None:
     misses = []

@@ -29,27 +29,24 @@ from wovenfab.model.memory import PointValues, attributes
 Array = NDArray[np.float64]
 #: Largest length of a step over that at which a bound is reached; exponent of the centring.
 SHARE, CENTRING = 0.995, 4
-#: Largest number of centrality corrections; range of the products p (zeta - tau), over their mean,
-#: without one (Gondzio, 1996).
-CORRECTIONS, LEAST, MOST = 4, 0.1, 10.0
+#: Largest number of centrality corrections; largest product p (zeta - tau), over their mean, that
+#: needs none (Gondzio, 1996).
+CORRECTIONS, MOST = 4, 10.0
 #: Stiffness of friction over that of the sheet, as stiff as its yarns in tension, maybe a million
 #: times softer in shear: in the first iteration and, later, at most, to limit round-off.
 FIRST, LARGEST = 1e-3, 1e3
 #: Least p and q at the start over a large increment: in general and, where the last step goes on,
-#: at least, and over the share of energy by which the laws are missed.
-START_SLIP, NEAREST, PER_MISS = 0.1, 0.003, 0.2
+#: over the share of energy by which the laws are missed.
+START_SLIP, PER_MISS = 0.1, 0.2
 #: Largest distance of a stress from its bound at the start, over the bound.
 START_ROOM = 0.5
-#: Increment that counts as none, over the one at which the first stiffness reaches the bound.
-NOTHING = 1e-6
-#: Energy by which the law may be missed over the tolerance and what is lost, or the sheet has.
-OF_LOSS, OF_ENERGY = 100.0, 0.1
-#: Least bound that varies, over the stress by which the sheet resists a displacement as large as a
-#: cell: friction of no bound at all has no interior, and one that is left out cannot come back.
-LEAST_BOUND = 1e-12
-#: Where the law is linearised: stiffness of a point that sticks, over that of the sheet, and least
-#: distance of a stress from its bound, over the bound.
-STUCK, INSIDE = 1e7, 1e-12
+#: What is as good as none: an increment, over the one at which the first stiffness reaches the
+#: bound; the distance of a stress from its bound where the law is linearised, over the bound; a
+#: bound that varies, over the stress by which the sheet resists a displacement as large as a cell
+#: (friction of no bound at all has no interior, and one that is left out cannot come back).
+NOTHING = 1e-12
+#: Stiffness of a point that sticks, over that of the sheet, where the law is linearised at the end.
+STUCK = 1e7
 #: Distance of a stress from its bound, over the bound, that is round-off.
 CLOSEST = 1e-15
 #: Stands for infinity.
@@ -148,7 +145,7 @@ class InteriorPoint:
         self.started = False
         if not self.diagonal:
             self._measure_stiffness(diagonal)
-        if self._renew_bound(LEAST_BOUND * np.sqrt(self.diagonal * self._stiffness)):
+        if self._renew_bound(NOTHING * np.sqrt(self.diagonal * self._stiffness)):
             self._accepted = np.clip(self._accepted, -self.bound, self.bound)
         self._least = NOTHING * self.bound / (FIRST * self._stiffness)
         self._increment = self._all(FrictionStress.increments)
@@ -269,7 +266,7 @@ class InteriorPoint:
             active = any(f.creeps for f in self._frictions) or bool(self._increment.any())
             return not self._sum(float(active))
         gap, loss = self._sum(self.gap()), self._sum(self.loss())
-        return gap <= OF_LOSS * tolerance * loss or gap <= OF_ENERGY * tolerance * energy()
+        return gap <= tolerance * loss or gap <= tolerance * energy()
 
     def linearise(self) -> tuple[Array, Array]:
         """Linearise the law at the solution, and give the forms the tangent.
@@ -304,7 +301,7 @@ class InteriorPoint:
 
     def off_bounds(self) -> Any:
         """Give the forms stresses that are not at their bounds even by round-off; a context."""
-        most = (1 - INSIDE) * self.bound
+        most = (1 - NOTHING) * self.bound
         return self.in_forms(np.clip(self.stress, -most, most))
 
     def give_tangent(self, values: Array) -> None:
@@ -405,9 +402,9 @@ class InteriorPoint:
         above, below = self._room()
         up = (self._up + direction.up) * (above - direction.stress)
         down = (self._down + direction.down) * (below + direction.stress)
-        least, most = LEAST * mu, MOST * mu
-        more_up = np.maximum(np.clip(up, least, most) - up, -most)
-        more_down = np.maximum(np.clip(down, least, most) - down, -most)
+        most = MOST * mu
+        more_up = np.maximum(np.clip(up, 0.0, most) - up, -most)
+        more_down = np.maximum(np.clip(down, 0.0, most) - down, -most)
         up, down = target.up + more_up, target.down + more_down
         return CentralPathTarget(up, down, creep + up / above - down / below)
 
@@ -491,8 +488,8 @@ class InteriorPoint:
         """Start the method where the first step has led; collective."""
         share, sliding = self._share_missed()
         near = self._goes_on and share < 1
-        slip = np.maximum(self._largest(self._increment), self._least)
-        slip *= np.clip(PER_MISS * share, NEAREST, START_SLIP) if near else START_SLIP
+        part = min(PER_MISS * share, START_SLIP) if near else START_SLIP
+        slip = np.maximum(part * self._largest(self._increment), self._least)
         self.start_stress(self.stress, sliding, slip if near else None)
         self.start_split(self._increment - self._creep()[0], slip, near)
         self.started = True
