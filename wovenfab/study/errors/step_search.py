@@ -43,18 +43,15 @@ log = logging.getLogger(__name__)
 Report = Callable[[str], None]
 #: Returns a case with a share of the usual number of steps.
 Kind = Callable[[Case, float], Case]
-#: Share of the peak that is counted as missed over what is expected from trials.
-UNSURE = 2.0
 #: Shares of the usual number of steps in the first trial and, at most, in the last one.
 FIRST, MOST = 0.125, 32.0
 #: Error of a step beyond which equal ones are cut, too.
 COARSE = 0.5
-#: Share of the usual number of steps that adaptive ones are planned with, and the tolerance by
-#: which those of a scheme of third order are about as many as usual.
-PLANNED, TOLERANCE = 0.075, 3e-4
-#: Growth of the number of steps up to which a trial is extrapolated, and the largest from trial
-#: to trial; numbers up to there of which the least is taken that is enough.
-FAR, FARTHEST, OPTIONS = 2.0, 4.0, 48
+#: Tolerance by which adaptive steps of a scheme of third order are about as many as usual.
+TOLERANCE = 3e-4
+#: Growth of the number of steps from trial to trial, and up to which one is extrapolated; numbers
+#: up to there of which the least is taken that is enough.
+FAR, OPTIONS = 2.0, 48
 #: Least ratio of two numbers of steps that are compared.
 APART = 1.4
 #: Distance of an extra step from the others, over the shortest of these, that is none.
@@ -88,7 +85,7 @@ class TimeSteps:
     @property
     def estimated_error(self) -> float:
         """The largest error, on the safe side."""
-        peak = SAFETY * worst({n: self.errors.get(n, 0.0) for n in PEAKS}) + UNSURE * self.missed
+        peak = SAFETY * worst({n: self.errors.get(n, 0.0) for n in PEAKS}) + self.missed
         return max(peak, SAFETY * worst(self.errors))
 
     @property
@@ -115,13 +112,6 @@ class TimeSteps:
         errors = {name: error / growth ** self.orders[name] for name, error in self.errors.items()}
         return replace(self, errors=errors).estimated_error
 
-    def lacking(self, target: float) -> float:
-        """Return how many times as many steps would about reach a target."""
-        powers = [
-            (SAFETY * abs(e) / target) ** (1 / self.orders[n]) for n, e in self.errors.items()
-        ]
-        return max(powers, default=1.0)
-
 
 def equal_steps(case: Case, number: float) -> Case:
     """Return a case with ``number`` times the usual equal steps, cut where too coarse."""
@@ -130,7 +120,7 @@ def equal_steps(case: Case, number: float) -> Case:
 
 def adaptive_steps(case: Case, number: float) -> Case:
     """Return a case with about ``number`` times the usual steps, adaptive ones."""
-    return with_steps(case, PLANNED, TOLERANCE / number ** scheme_of(case).order)
+    return with_steps(case, FIRST, TOLERANCE / number ** scheme_of(case).order)
 
 
 class StepSearch:
@@ -243,20 +233,18 @@ class StepSearch:
             if (response := self._response(kind, number, most)) is None:
                 if kind in self._given_up:
                     break
-                known, number = {}, 2 * number
+                known, number = {}, FAR * number
                 continue
             fewer = {n: r for n, r in known.items() if APART * r.count <= response.count}
             known = {n: r for n, r in fewer.items() if response.figures.keys() <= r.figures.keys()}
             known[number] = response
-            tangents, growth = response.outcome.iterations, 2.0
             if len(known) >= 3:
                 best = self._least(kind, known, target)
                 if _reaches(best, target):
                     break
-                growth = min(max(best.number / number * best.lacking(target), FAR), FARTHEST)
-            if tangents > least:
+            if response.outcome.iterations > least:
                 break
-            number *= growth
+            number *= FAR
         return best
 
     def _least(self, kind: Kind, known: Mapping[float, Response], target: float) -> TimeSteps:
