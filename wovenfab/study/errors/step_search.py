@@ -43,6 +43,9 @@ log = logging.getLogger(__name__)
 Report = Callable[[str], None]
 #: Returns a case with a share of the usual number of steps.
 Kind = Callable[[Case, float], Case]
+#: Share of the peak that is counted as missed over what is expected from trials: with the elements of
+#: the run it lies elsewhere between the steps.
+UNSURE = 2.0
 #: Shares of the usual number of steps in the first trial and, at most, in the last one.
 FIRST, MOST = 0.125, 32.0
 #: Error of a step beyond which equal ones are cut, too.
@@ -85,7 +88,7 @@ class TimeSteps:
     @property
     def estimated_error(self) -> float:
         """The largest error, on the safe side."""
-        peak = SAFETY * worst({n: self.errors.get(n, 0.0) for n in PEAKS}) + self.missed
+        peak = SAFETY * worst({n: self.errors.get(n, 0.0) for n in PEAKS}) + UNSURE * self.missed
         return max(peak, SAFETY * worst(self.errors))
 
     @property
