@@ -43,8 +43,8 @@ log = logging.getLogger(__name__)
 Report = Callable[[str], None]
 #: Returns a case with a share of the usual number of steps.
 Kind = Callable[[Case, float], Case]
-#: Share of the peak that is counted as missed over what is expected from trials: with the elements of
-#: the run it lies elsewhere between the steps.
+#: Share of the peak that is counted as missed over what is expected from trials: with the elements
+#: of the run it lies elsewhere between the steps.
 UNSURE = 2.0
 #: Shares of the usual number of steps in the first trial and, at most, in the last one.
 FIRST, MOST = 0.125, 32.0
