@@ -17,8 +17,7 @@ from benchmarks.random_scenes import SEED, scene
 from wovenfab.case import Case, read_case
 from wovenfab.case.objects import sheet_of
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.study.errors.choice import COARSEST, DEGREES, SCHEME
-from wovenfab.study.errors.meshes import shorter_side, with_cells
+from wovenfab.study.errors.choice import base_case, coarsest
 from wovenfab.study.errors.step_search import StepSearch, equal_steps
 from wovenfab.study.response import depends_on_steps, response_of, trial_of
 
@@ -64,13 +63,8 @@ def _trials() -> Iterator[tuple[int, Case, Sheet]]:
     """Yield the scenes as steps are tried on them."""
     with tempfile.TemporaryDirectory() as folder:
         for number in SCENES:
-            case = read_case(scene(number, SEED, Path(folder)))
-            time = case.time
-            if "scheme" not in time.model_fields_set:
-                time = time.model_copy(update={"scheme": SCHEME})
-            case = case.model_copy(update={"accuracy": None, "time": time})
+            case = base_case(read_case(scene(number, SEED, Path(folder))))
             assert depends_on_steps(case)
-            sheet = sheet_of(case, MPI.COMM_SELF)
-            coarse = with_cells(case, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
+            coarse = coarsest(case, sheet_of(case, MPI.COMM_SELF))
             trial = trial_of(coarse, ACCURACIES[1])
             yield number, trial, sheet_of(trial, MPI.COMM_SELF)

@@ -122,12 +122,7 @@ def plan(
         mesher: Returns the sheet of a case.
     """
     assert case.accuracy is not None
-    time = case.time
-    if case.needs.rate and "scheme" not in time.model_fields_set:
-        time = time.model_copy(update={"scheme": SCHEME})
-    if not depends_on_steps(case):
-        time = time.model_copy(update={"steps_per_cycle": WITHOUT_ERROR})
-    base = case.model_copy(update={"accuracy": None, "time": time})
+    base = base_case(case)
     sheet = mesher(base, comm)
     if limits is None:
         least, most = PATIENCE
@@ -137,8 +132,7 @@ def plan(
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
     search, steps, error_of_few = None, None, 0.0
     if depends_on_steps(base):
-        coarse = with_cells(base, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
-        coarse = trial_of(coarse, share)
+        coarse = trial_of(coarsest(base, sheet), share)
         search = StepSearch(coarse, comm, report, limits.patience, mesher)
         steps = search.steps_for(share, compile_ahead(coarse, comm, mesher, DEGREES[1:]))
         left -= min(steps.error_of_more(MORE_STEPS), share) if steps else share
@@ -167,6 +161,21 @@ def plan(
     reached = estimate.worst <= ALMOST * case.accuracy
     shortfall = "" if reached else elements.shortfall or "shorter steps were not tried"
     return replace(elements, case=steps.of(elements.case), estimate=estimate, shortfall=shortfall)
+
+
+def base_case(case: Case) -> Case:
+    """Return a case without its accuracy, and with the scheme that steps for one are chosen by."""
+    time = case.time
+    if case.needs.rate and "scheme" not in time.model_fields_set:
+        time = time.model_copy(update={"scheme": SCHEME})
+    if not depends_on_steps(case):
+        time = time.model_copy(update={"steps_per_cycle": WITHOUT_ERROR})
+    return case.model_copy(update={"accuracy": None, "time": time})
+
+
+def coarsest(case: Case, sheet: Sheet) -> Case:
+    """Return a case with the elements on which steps are tried."""
+    return with_cells(case, shorter_side(sheet) / COARSEST, degree=DEGREES[0])
 
 
 @dataclass
