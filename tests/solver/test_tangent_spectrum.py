@@ -208,6 +208,14 @@ def test_a_saddle_is_left_for_a_minimum_of_lower_potential_on_either_side() -> N
     assert sides[0] > 0
 
 
+def test_a_saddle_next_to_a_minimum_is_left_in_few_iterations() -> None:
+    _, equilibrium, _ = pushed(1.001 * critical(), SolverOptions(descend=True))
+    result = leave_saddle(equilibrium, softest_mode(equilibrium))
+    assert result.converged and result.negatives == 0
+    assert result.iterations <= 5  # it begins near the minimum, not a tenth of the sheet away
+    equilibrium.destroy()
+
+
 def test_tension_needs_no_more_factors_than_newton_in_the_whole_program(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -246,4 +254,26 @@ def test_a_mode_that_becomes_the_softest_is_seen_though_it_lies_across_the_last_
             diagonal.destroy()
         seen.append(spectrum._value)
     assert seen == pytest.approx([1.0, 0.3], rel=0.02)
+    equilibrium.destroy()
+
+
+def test_a_mode_that_becomes_the_softest_is_seen_with_an_older_factor() -> None:
+    _, equilibrium, _ = pushed(0.0)
+    spectrum, matrix = equilibrium.spectrum, equilibrium.tangent()
+    spectrum._assemble = lambda: None  # the matrix stays
+    free = np.flatnonzero(spectrum._start.array_r)
+    for waves, soft, other, steps in ((1.3, 1.0, 3.0, 40), (2.3, 1.0, 0.3, 10)):
+        values = 1e3 * (1 + 0.9 * np.sin(waves * np.arange(matrix.size[0])))
+        values[free[[10, 20]]] = soft, other
+        for step in range(steps):
+            matrix.zeroEntries()
+            diagonal = matrix.getDiagonal()
+            diagonal.array_w[:] = values
+            matrix.setDiagonal(diagonal)
+            matrix.assemble()
+            if other > soft and not step:
+                spectrum._linear.renew()
+            assert spectrum.judge(0.0) == 0
+            diagonal.destroy()
+        assert spectrum._value == pytest.approx(min(soft, other), rel=0.02)
     equilibrium.destroy()

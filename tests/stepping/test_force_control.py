@@ -92,6 +92,31 @@ def test_a_held_force_creeps_and_a_displacement_held_after_it_stays() -> None:
     assert force[-1] == pytest.approx(0.0, abs=1e-5)
 
 
+def test_a_force_is_as_exact_as_the_solver_and_takes_few_more_steps() -> None:
+    program = (
+        "[{type: ramp, to: 100 N, duration: 1 s, steps: 4}, {type: hold, duration: 1 s, steps: 4}]"
+    )
+    case = read_case(CONFIGS / "bias-1x3.yaml", {**COARSE, "program": program})
+    histories = {
+        tolerance: simulate(case.changed(f"solver.tolerance={tolerance}")).history
+        for tolerance in (1e-9, 1e-5, 1e-3)
+    }
+    for tolerance, history in histories.items():
+        assert history["force"][-1] == pytest.approx(100.0, rel=max(1e-6, tolerance))
+        assert len(history["step"]) <= 2 * len(histories[1e-9]["step"])
+
+
+def test_a_force_that_rounding_makes_uncertain_is_good_enough() -> None:
+    """Yarns along the force so stiff that rounded positions make a millionth of a newton."""
+    program = ", ".join(f"{{type: ramp, to: {f} N, duration: 1 s, steps: 4}}" for f in (1, 0.5))
+    stiff = {"effects.stretch.stiffness": "1e11 N/m", "sheet.fibres": "[0 deg, 90 deg]"}
+    mesh = {"discretisation.degree": "3", "discretisation.mesh_size": "60 mm"}
+    case = read_case(CONFIGS / "bias-1x3.yaml", {"program": f"[{program}]", **stiff, **mesh})
+    history = simulate(case).history
+    assert len(history["step"]) <= case.planned_steps + 2
+    assert history["force"][[-5, -1]] == pytest.approx([1.0, 0.5], rel=1e-5)
+
+
 def test_a_force_beyond_a_limit_point_is_refused_and_the_largest_one_is_found() -> None:
     """Yarns askew to the clamps are compressed as these move past each other, then released."""
     values = {**TABLE_1, "stretch": {"stiffness": (1e5, 0.0)}, "shear": {"stiffness": 1.0}}

@@ -23,8 +23,9 @@ from wovenfab.solver.linear import LinearSolver, create_direct
 logger = logging.getLogger(__name__)
 #: Inverse iterations for a mode at most, and the change of the eigenvalue that ends them.
 MOST_SWEEPS, SAME = 400, 1e-7
-#: Accuracy of an inverse iteration where the factor is an older one.
-ROUGH = 0.1
+#: Accuracy of an inverse iteration where the factor is an older one: with a tenth it hardly sees
+#: a mode that has become softer since.
+ROUGH = 0.01
 #: Share of the start vector that is added at each step, so that no new softest mode is missed.
 MIXED = 0.1
 #: Newton's last matrix decides if it was formed nearer to the solution than this share of the

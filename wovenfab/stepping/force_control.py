@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from wovenfab.stepping.state import State
 
 Array = NDArray[np.float64]
-#: Error of the force over the largest one.
-TOLERANCE = 1e-9
 #: Change of the force over the largest one up to which rounding may decide: an error that stays is
 #: good enough, and no secant is drawn.
 ROUNDED = 1e-7
@@ -107,6 +105,7 @@ class ForceControl:
             scale: The largest force, N.
         """
         field, own = self._problem.model.field.x, self._problem.model.placements.owned
+        allowed = self._solver.newton.options.tolerance * scale
         low, high = -np.inf, np.inf  # displacements between which the force is attained
         last: _Point | None = None
         iterations, u, self.beyond = 0, state.reached, None
@@ -119,7 +118,7 @@ class ForceControl:
             if result.converged and not self._refuses(result):
                 lack = target - self._reached(u)
                 size = abs(lack)
-                if size <= TOLERANCE * scale:
+                if size <= allowed:
                     return result
                 if last and size <= ROUNDED * scale and size > abs(last.lack) / 2:
                     return result
