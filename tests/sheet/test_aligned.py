@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 import shapely
@@ -77,6 +79,19 @@ def test_a_special_fibre_of_a_re_entrant_corner_ends_at_the_edge_of_the_sheet() 
 def test_strain_is_singular_at_the_ends_of_clamps_and_at_re_entrant_corners() -> None:
     points = {tuple(map(float, p)) for p in singular_points(tee(), (HOLDS, HOLDS))}
     assert points == {(0, 0), (0.9, 0), (0.9, 0.3), (0.6, 0.3), (0.3, 0.3), (0, 0.3)}
+
+
+@pytest.mark.parametrize("turn", range(0, 180, 15))
+def test_a_square_is_divided_along_the_same_diagonal_in_every_unit_and_place(turn: int) -> None:
+    """Both are as good: neither rounding nor the corner that comes first must decide."""
+    angle = np.radians(turn)
+    ahead, aside = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    ring = np.array([0 * ahead, ahead, ahead + aside, aside])
+    draw, found = np.random.default_rng(1), set()
+    for unit, first in product((1.0, 1 / 3, 0.0254, 1e3), range(4)):
+        triangles = divided(unit * (np.roll(ring, -first, axis=0) + draw.uniform(-5, 5, 2)))
+        found.add(frozenset(frozenset((i + first) % 4 for i in t) for t in triangles))
+    assert len(found) == 1
 
 
 def test_a_polygon_is_divided_at_its_best() -> None:

@@ -6,6 +6,7 @@ import re
 from math import cos, pi, sin, sqrt
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mpi4py import MPI
 
@@ -202,3 +203,16 @@ def test_an_outline_of_small_edges_is_read_without_small_cells_inside(tmp_path: 
     assert 5 * len(coarse.triangles) < len(full.triangles)
     (ring,), (other,) = coarse.outline.rings, full.outline.rings
     assert (ring.points == other.points).all() and ring.names == other.names
+
+
+def test_an_outline_of_long_cells_has_the_area_of_its_circle_without_many_edges(
+    tmp_path: Path,
+) -> None:
+    """A polygon of n sides lacks 2 pi^2 / (3 n^2) of the area."""
+    text = OCC + 'Disk(1) = {0, 0, 0, 0.1};\nPhysical Curve("left") = {1};\n' + SURFACE
+    file = GeometryFile(written(tmp_path, text))
+    (ring,) = read_geometry(file, 0.1, follow_curves=True).outline.rings
+    x, y = ring.points.T
+    area = abs(x @ np.roll(y, 1) - y @ np.roll(x, 1)) / 2
+    assert 0.997 < area / (0.01 * pi) < 1
+    assert len(ring.points) < 60

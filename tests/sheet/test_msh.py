@@ -158,6 +158,8 @@ $EndElements
         (lambda t: t.replace("2 1 0 0", "3 1 0 0"), "two nodes of the same number"),
         (lambda t: t.replace("1 2 2 7 1 1 2 3", "1 2 2 7 1 1 2 3.5"), "must be whole"),
         (lambda t: t.replace("Nodes", "Points"), r"no section \$Nodes"),
+        (lambda t: t.replace("2 1 0 0", "2 1 0 1e-4"), "not in the x-y plane"),
+        (lambda t: t.replace("2 1 0 0", "2 1 0 1e-8"), "no named edges"),  # flat but for rounding
         (lambda t: t, "no named edges"),
         (lambda t: t.replace(" 7 ", " 0 "), "no physical surface"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import fsum
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,15 @@ def test_rounding_far_below_the_force_ends_a_solve_without_another_step() -> Non
     for residual, ends in ((9e-7, True), (2e-6, False)):
         found = judge.reason(residual, force=1.0, decrement=np.inf, energy=1.0)
         assert (found is not None) is ends
+
+
+def test_the_rounding_error_of_a_potential_is_that_of_a_sum_and_hides_no_step_of_newton() -> None:
+    tolerance = 1e-9
+    judge = Convergence(tolerance, 0.0)
+    parts = np.random.default_rng(1).uniform(0, 1, 10**6)
+    total = fsum(parts)
+    rounding = max(abs(float(np.cumsum(p)[-1]) - total) for p in (parts, parts[::-1]))
+    assert 0 < rounding < judge.energy_roundoff(total) < tolerance * total
 
 
 @pytest.mark.slow

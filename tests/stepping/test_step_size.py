@@ -79,6 +79,20 @@ def test_steps_that_stay_hard_grow_too_in_the_end() -> None:
     assert len(times) < 40  # 100 without growth
 
 
+@pytest.mark.parametrize(("tangents", "steps"), [(3, 1), (4, 5)])
+def test_a_cut_length_is_doubled_after_a_step_of_three_tangents_or_five_harder_ones(
+    tangents: int, steps: int
+) -> None:
+    """Newton's method that converges quadratically from the start takes three."""
+    step_size, lengths = StepSizeControl(1e-3), list[float]()
+    step_size.reduce(1 / 32, 1.0)
+    while sum(lengths) < 0.5:
+        lengths.append(step_size.next(sum(lengths), 1.0) - sum(lengths))
+        step_size.accepted(lengths[-1], tangents)
+    assert lengths[:steps] == pytest.approx([1 / 64] * steps, rel=0.1)
+    assert lengths[steps] > 1.8 / 64
+
+
 def test_what_is_sought_is_bisected_without_growth_and_forgotten_once_passed() -> None:
     step_size = StepSizeControl(1e-3)
     for length in (1.0, 0.5):

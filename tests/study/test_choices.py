@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import wovenfab.study.errors.choice as plan_module
+from tests.record.test_standard_tests import SHEAR
 from tests.study.test_estimate import ALONE, SPIN, case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.case.objects import simulation_of
@@ -241,6 +242,26 @@ def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:
     response = response_of(case, sheet(case))
     assert response.figures["dissipated_J"] == 0.0
     assert abs(response.figures["peak_force_N"]) > 1.0
+
+
+@pytest.mark.parametrize(("strength", "width"), [(None, 0.0), (150.0, 0.0098)])
+def test_a_loop_that_only_curves_between_few_steps_open_is_not_judged(
+    strength: float | None, width: float
+) -> None:
+    """An elastic sheet has none; between steps its two branches differ by a few millionths."""
+    effects = {k: v for k, v in SHEAR["effects"].items() if k != "spin_friction"}
+    if strength:
+        effects["spin_friction"] = {"law": "coulomb", "strength": strength}
+    ways = [
+        {"type": "ramp", "to": to, "steps": steps}
+        for to, steps in ((0.05, 20), (-0.05, 41), (0.0, 20))
+    ]
+    case = Case(**SHEAR | {"effects": effects, "program": ways})
+    response = response_of(case, sheet(case))
+    (test,) = response.tests
+    largest = test.loop(response.history).size("N/m")
+    said = {name: value / largest for name, value in response.figures.items() if "2HG5" in name}
+    assert list(said.values()) == [pytest.approx(width, rel=0.05)]
 
 
 @pytest.mark.slow

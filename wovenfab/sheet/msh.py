@@ -36,8 +36,8 @@ QUADRILATERALS = {3, 10, 16, 36, 37, 38}
 #: Kinds of whole numbers: int and size_t of C.
 Kind = Literal["i", "s"]
 REMEDY = "write it anew: gmsh FILE.geo -2 -format msh41 -o FILE.msh"
-#: Tags of an element at most, and elements of a text that are read together.
-MOST_TAGS, TOGETHER = 1000, 1000
+#: Elements of a text that are read together.
+TOGETHER = 1000
 #: Bytes that are read at a time to find a section.
 CHUNK = 1 << 20
 
@@ -294,7 +294,7 @@ def _elements_2(values: _Numbers, is_binary: bool) -> Iterator[_Block]:
     found: dict[tuple[int, int, int], list[Rows]] = defaultdict(list)
     while left > 0:
         head = numbers[at : at + 3]
-        if len(head) < 3 or not 2 <= head[2] <= MOST_TAGS or (is_binary and head[1] < 1):
+        if len(head) < 3 or not 2 <= head[2] <= len(numbers) or (is_binary and head[1] < 1):
             raise _broken("Elements", "is cut short, or has elements without physical groups")
         kind, tags = int(head[words][0]), int(head[2])
         each = tags + _nodes_of(kind) + is_binary
