@@ -15,6 +15,7 @@ from benchmarks.effects import cost_of_effects
 from benchmarks.figure import Figure, Section
 from benchmarks.gradients import gradients
 from benchmarks.growth import growth
+from benchmarks.plans import plans
 from benchmarks.step_choice import step_choice
 from benchmarks.step_cost import step_cost
 from benchmarks.textbook import textbook
@@ -29,6 +30,7 @@ SECTIONS: Mapping[str, Section] = {
     "assembly": assembly,
     "step": step_cost,
     "step-choice": step_choice,
+    "plans": plans,
     "textbook": textbook,
     "growth": growth,
     "busy": busy,

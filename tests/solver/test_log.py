@@ -78,5 +78,17 @@ def test_a_change_to_stress_at_points_is_logged_with_its_reason_and_ends_again(
     messages = [r.getMessage() for r in caplog.records if r.name == EQUILIBRIUM]
     assert 1 < len(messages) < 8
     assert all(re.search("stress at quadrature points: .* DIVERGED", m) for m in messages)
+    tried = [r.args[1] for r in caplog.records if r.name == EQUILIBRIUM and r.args]
+    assert len(tried) == len(messages) and max(tried) <= 12  # of 30 that a step may take
     waits = [m for m in caplog.messages if m.startswith("friction by its smooth law fails")]
     assert [int(re.findall(r"\d+", m)[0]) for m in waits] == [2**k for k in range(len(messages))]
+
+
+def test_a_smooth_law_that_newton_solves_in_a_few_iterations_stays(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO, logger="wovenfab")
+    model = scenes.model(scenes.sheet(), (*scenes.COUPLED, "slip_friction"), scenes.PROTOTYPE)
+    steps = scenes.march(model, program_of(cycle(0.0, 0.04, 0.25, 8)))
+    assert 4 < max(step.iterations for step in steps) < 12
+    assert not [r for r in caplog.records if r.name == EQUILIBRIUM]

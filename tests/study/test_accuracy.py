@@ -21,7 +21,16 @@ from tests.verification.test_closed_forms import SLOPE, SOFT, SPIN, STIFF, bias_
 from wovenfab.case import CaseError, read_case
 from wovenfab.cli.studies import study_accuracy
 from wovenfab.record.summary import read_summary
-from wovenfab.study.accuracy import ACCURACIES, DEGREES, Priced, Study, doubled, for_accuracies
+from wovenfab.study.accuracy import (
+    ACCURACIES,
+    DEGREES,
+    DOUBT,
+    Priced,
+    Study,
+    doubled,
+    finer_case,
+    for_accuracies,
+)
 from wovenfab.study.variations import folder_of_run
 
 #: A strip along its yarns whose stiffness varies: springs in series.
@@ -187,6 +196,21 @@ def test_a_case_whose_errors_cannot_be_stated_is_refused_with_the_reason(tmp_pat
 
 
 FAST = Priced("fast", None, 2, 0.1, 100, 10, 1.0, 0.0, None, {"peak_force_N": 0.05})
+
+
+def test_the_finer_answer_to_steps_of_first_order_is_wrong_by_a_third_and_less_than_doubted(
+    tmp_path: Path,
+) -> None:
+    """A fourth as wrong, that is by a third of the distance; half of it is on the safe side."""
+    text = PULL.replace("'150, 300 mm'", "300 mm") + "discretisation: {degree: 2, mesh_size: 1 m}"
+    first = "time={scheme: backward-euler, steps_per_cycle: 40}"
+    case = read_case(written(tmp_path, text), (first,))
+    own, finer = (wovenfab.simulate(c).summary for c in (case, finer_case(case)))
+    for name, exact in pull_figures().items():
+        distance, error = abs(finer[name] - own[name]), abs(finer[name] - exact)
+        assert error < abs(own[name] - exact) / 3
+        assert 0.5 * DOUBT * distance < error < DOUBT * distance
+    assert finer["steps"] <= 5 * own["steps"]
 
 
 def test_a_stated_error_is_too_small_only_beyond_what_the_finer_answer_is_wrong_by() -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import inf
 
 from mpi4py import MPI
 
@@ -55,13 +54,6 @@ logger = logging.getLogger(__name__)
 MOST_UNKNOWNS = 5e5
 #: Share of the accuracy that steps may use, at least: finer cells cost more than more steps.
 STEPS_SHARE = 0.25
-#: Growth of the number of steps that costs less than finer elements.
-MORE_STEPS = 1.5
-#: Share of what elements leave that steps may use in the end.
-STEPS_MARGIN = 0.95
-#: Share of the elements' error up to which the error of the few steps of trials changes nothing,
-#: so that these steps may be cut in some of the trials that are compared.
-HARMLESS = 0.1
 #: Scheme of the rates.
 SCHEME = "bdf3"
 #: Steps of a cycle where they have no error.
@@ -130,14 +122,13 @@ def plan(
         limits = Limits(MOST_UNKNOWNS, allowed, allowed)
     few = 1.0 if has_fixed_steps(base) else FEW
     share, left = STEPS_SHARE * case.accuracy, case.accuracy
-    search, steps, error_of_few = None, None, 0.0
+    search, steps, may_cut = None, None, True
     if depends_on_steps(base):
         coarse = trial_of(coarsest(base, sheet), share)
         search = StepSearch(coarse, comm, report, limits.patience, mesher)
         steps = search.steps_for(share, compile_ahead(coarse, comm, mesher, DEGREES[1:]))
-        left -= min(steps.error_of_more(MORE_STEPS), share) if steps else share
-        error_of_few = steps.error_of_share(few) if steps else inf
-    may_cut = error_of_few <= HARMLESS * left
+        left -= min(steps.estimated_error, share) if steps else share
+        may_cut = steps is not None and steps.error_of_share(few) <= share
     meshes = _MeshSearch(base, left, mesher, limits, report, sheet, few, may_cut)
     elements = meshes.run()
     if elements.reachable:
@@ -153,8 +144,7 @@ def plan(
     if search is None or steps is None:
         return elements
     search.learn(elements.estimate, meshes.share)
-    rest = case.accuracy - error
-    more = STEPS_MARGIN * rest if error <= left else share * error / case.accuracy
+    more = case.accuracy - error if error <= left else share * error / case.accuracy
     steps = search.steps_for(more) or steps
     logger.info("steps: %.3g times the usual, %s", steps.number, steps.words)
     estimate = replace(elements.estimate, time=steps.errors, missed=steps.missed)
@@ -190,7 +180,8 @@ class _MeshSearch:
         report: Called with a line on each trial.
         sheet: The sheet with any mesh.
         share: Share of the usual steps, which is enough for all degrees.
-        may_cut: Whether steps may be cut.
+        may_cut: Whether the few steps of trials may be cut in some of those that are compared:
+            their error is small enough.
         graded: Whether the mesh is graded, or None for as usual.
         best: The best elements so far.
         work: Of the trials of the last mesh.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from itertools import chain
 from math import inf
@@ -109,11 +109,6 @@ class TimeSteps:
             return inf
         growth = share / self.number
         return max((abs(e) / growth ** self.orders[n] for n, e in self.errors.items()), default=0.0)
-
-    def error_of_more(self, growth: float) -> float:
-        """Return about the error, on the safe side, of so many times as many steps."""
-        errors = {name: error / growth ** self.orders[name] for name, error in self.errors.items()}
-        return replace(self, errors=errors).estimated_error
 
 
 def equal_steps(case: Case, number: float) -> Case:

@@ -1,0 +1,57 @@
+"""Elements and steps that are chosen for an accuracy: the work of choosing them and of their runs.
+
+The scenes are some of those of ``make random``. Work is that of tangents, the same everywhere.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from unittest.mock import patch
+
+from mpi4py import MPI
+
+from benchmarks.figure import Figure
+from benchmarks.random_scenes import SEED, scene
+from wovenfab.case import read_case
+from wovenfab.study.errors.choice import plan
+from wovenfab.study.response import Budget, work
+
+SCENES = (3, 6, 7, 9, 20, 22, 25, 51)
+#: Tangents of a step, about.
+TANGENTS = 3
+
+
+def plans() -> list[Figure]:
+    """Return how many plans fall short, the work of all trials, and about that of the runs."""
+    short, tried, runs = 0, 0.0, 0.0
+    spend = Budget.spend
+    for number in SCENES:
+        spent: list[float] = []
+
+        def note(self: Budget, tangents: int, unknowns: int, spent: list[float] = spent) -> None:
+            spent.append(tangents * work(unknowns))
+            spend(self, tangents, unknowns)
+
+        with tempfile.TemporaryDirectory() as folder, patch.object(Budget, "spend", note):
+            case = read_case(scene(number, SEED, Path(folder)))
+            found = plan(case, MPI.COMM_SELF, lambda line: None)
+        assert found.estimate is not None
+        unknowns = found.estimate.response.model.unknowns
+        run = TANGENTS * found.case.planned_steps * work(unknowns)
+        print(
+            f"scene {number}: {unknowns} unknowns, {found.case.planned_steps} steps, work "
+            f"{sum(spent):.0f} and {run:.0f}; error {100 * found.estimate.worst:.2g} % expected",
+            flush=True,
+        )
+        short += bool(found.shortfall)
+        tried += sum(spent)
+        runs += run
+    note_on_all = f"of {len(SCENES)} random fabrics for 1 %"
+    return [
+        Figure("plans that fall short", short, 0, "", note_on_all),
+        Figure("work of all trials", tried, 450, "", f"{note_on_all}, 1 is a tangent of 10 000"),
+        Figure(
+            "work of trials and runs", tried + runs, 650, "", f"{note_on_all}, {TANGENTS} a step"
+        ),
+    ]
