@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
+from numpy.polynomial import legendre
 
 from tests.scenes import ALONG, BONDED, model
 from tests.scenes import sheet as rectangle
@@ -28,7 +29,7 @@ from wovenfab.study.errors.elements import (
     resolves_waves,
     response_with_degree,
 )
-from wovenfab.study.errors.estimate import Estimate, stated_error, worst
+from wovenfab.study.errors.estimate import SAFETY, Estimate, stated_error, worst
 from wovenfab.study.errors.meshes import Limits
 from wovenfab.study.errors.refinement import FASTEST_UNSHOWN, error_of_degrees
 from wovenfab.study.errors.report import errors_of, report_errors
@@ -113,6 +114,39 @@ def test_degrees_that_agree_by_chance_are_not_believed_where_convergence_is_slow
     # No higher degree confirms the highest one: its change counts as large as is believed.
     change = kinks[1] - kinks[2]
     assert error_of_degree(degrees, by_chance, 5, fastest) == pytest.approx(2 / 3 * change)
+
+
+@pytest.mark.parametrize(
+    ("power", "fastest", "most", "usual"),
+    [(1, FASTEST_SET_VALUED, 2.5, 3.0), (2, FASTEST_FRICTION, 1.25, 4.0)],
+    ids=["a strain with a kink", "a strain that bends sharply"],
+)
+def test_where_yarns_begin_to_slide_within_a_cell_errors_are_seldom_larger_than_stated(
+    power: int, fastest: float, most: float, usual: float
+) -> None:
+    """The energy of the best strain (x - a)+^power by polynomials on a cell, for each a in it.
+
+    Args:
+        power: 1 for set-valued, 2 for other friction.
+        fastest: Fastest convergence that is believed.
+        most: Largest share of a true error in what is stated.
+        usual: Largest median of what is stated over the true error.
+    """
+    x, weights = legendre.leggauss(400)
+    shapes = [legendre.Legendre.basis(n)(x) * np.sqrt(n + 0.5) for n in range(5)]
+    shares = []
+    for a in np.linspace(-0.9, 0.9, 181):
+        strain = np.maximum(x - a, 0) ** power
+        energies = np.cumsum([(weights @ (strain * shape)) ** 2 for shape in shapes])
+        for degrees in ((2, 3, 4), (2, 3, 4, 5), (3, 4, 5)):
+            values = [energies[p - 1] for p in degrees]
+            for degree in degrees[-2:]:
+                true = weights @ strain**2 - energies[degree - 1]
+                shares.append(true / (SAFETY * error_of_degree(degrees, values, degree, fastest)))
+    print(f"at most {max(np.abs(shares)):.3g}, median {np.median(np.abs(shares)):.3g}")
+    assert max(np.abs(shares)) < most
+    assert np.quantile(np.abs(shares), 0.85) < 1
+    assert np.median(np.abs(shares)) > 1 / usual
 
 
 @pytest.mark.parametrize("falling", [3.0, 8.0, 40.0])
