@@ -96,7 +96,7 @@ def test_trials_whose_few_steps_cannot_be_made_are_repeated_with_more_for_all_de
 
     monkeypatch.setattr(plan_module, "response_with_degree", response)
     ramp = "program={type: ramp, to: 20 mm, steps: 8, velocity: 0.1 m/s}"
-    case = case_of("bonded-1x3", ramp, SPIN, "accuracy=5 %", "discretisation=null", "time=null")
+    case = case_of("bonded-1x3", ramp, SPIN, "accuracy=2 %", "discretisation=null", "time=null")
     chosen, lines = planned(case)
     assert lines.count(REPEATED) == 1
     assert tried[:5] == [(2, FEW), (3, FEW), *((degree, 2 * FEW) for degree in (2, 3, 4))]

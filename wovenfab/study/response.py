@@ -280,13 +280,14 @@ def trial_of(case: Case, accuracy: float) -> Case:
 
     Where nothing depends on steps, a cycle is only the way to its largest displacement.
     Forces balance to the root of the solver's tolerance at least; responses will be compared to
-    the accuracy.
+    the accuracy. Prescribed ones stay as exact as in the case.
     """
     program = tuple(_largest_cycle(s) if isinstance(s, CyclesSection) else s for s in case.program)
     match program:
         case (CyclesSection(amplitudes=(largest,)),) if not depends_on_steps(case):
             program = (RampSection(to=largest),)
-    tolerance = max((LOOSE * accuracy) ** 2, case.solver.tolerance)
+    loose = 0.0 if any(prescribe_forces(case.program)) else (LOOSE * accuracy) ** 2
+    tolerance = max(loose, case.solver.tolerance)
     solver = case.solver.model_copy(update={"tolerance": tolerance})
     trial = case.model_copy(update={"program": program, "solver": solver})
     return with_extra_times(trial, ())
