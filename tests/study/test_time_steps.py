@@ -9,7 +9,16 @@ from types import SimpleNamespace
 import pytest
 from scipy.integrate import trapezoid
 
-from tests.study.test_estimate import ALONE, CONFIGS, CYCLE, DISSIPATED, case_of, elements, sheet
+from tests.study.test_estimate import (
+    ALONE,
+    CONFIGS,
+    CYCLE,
+    DISSIPATED,
+    SPIN,
+    case_of,
+    elements,
+    sheet,
+)
 from wovenfab.case import Case, CyclesSection, RampSection, read_case
 from wovenfab.case.program import program_of_case
 from wovenfab.simulation.progress import InterruptedRunError
@@ -20,6 +29,7 @@ from wovenfab.study.errors.estimate import Estimate, worst
 from wovenfab.study.errors.step_search import (
     StepSearch,
     TimeSteps,
+    _reaches,
     adaptive_steps,
     equal_steps,
 )
@@ -87,6 +97,20 @@ def test_an_earlier_trial_is_enough_where_a_finer_one_shows_that_it_was() -> Non
     first = {n: made[n] for n in (0.125, 0.25, 0.5)}
     assert search._least(adaptive_steps, first, 2e-3).estimated_error > 2e-3  # type: ignore[arg-type]
     assert search._least(adaptive_steps, made, 2e-3).number == 0.5  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(("over", "is_reached"), [(1e-12, True), (1e-3, False)])
+def test_a_target_that_rounding_alone_misses_is_reached(over: float, is_reached: bool) -> None:
+    steps = TimeSteps(equal_steps, 1.0, {DISSIPATED: 0.01}, 1.0, {DISSIPATED: 3.0})
+    assert _reaches(steps, steps.estimated_error / (1 + over)) is is_reached
+
+
+@pytest.mark.parametrize("friction", [(), (SPIN,)], ids=["slip", "slip and spin"])
+def test_adaptive_steps_are_at_first_about_as_many_as_usual(friction: tuple[str, ...]) -> None:
+    case = case_of("bias-1x3", CYCLE, *friction, elements(2, 0.15), "time={scheme: bdf3}")
+    made = response_of(adaptive_steps(case, 1.0), sheet(case)).count
+    print(f"\n{made} of {case.planned_steps} steps")
+    assert 0.6 < made / case.planned_steps < 1.6
 
 
 def test_steps_longer_than_friction_takes_to_follow_a_jump_are_known_to_be_too_long() -> None:
