@@ -7,7 +7,7 @@ where a figure is missed.
 from __future__ import annotations
 
 import sys
-from math import sqrt
+from math import exp, log, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +37,8 @@ from benchmarks.random_scenes import (
 from wovenfab.case import Case, Rectangle, read_case
 from wovenfab.record.results import markdown
 from wovenfab.report.style import APART, house_style, save
-from wovenfab.study.errors.report import expected_seconds, traits
+from wovenfab.study.errors.report import expected_seconds
+from wovenfab.study.response import is_set_valued
 from wovenfab.study.runner import Store
 
 PAGE = ROOT / "docs" / "random-fabrics.md"
@@ -75,17 +76,17 @@ def rows_and_cases(accuracy: float) -> tuple[list[Row], list[Case]]:
 
 def kind_of(case: Case) -> str:
     """Return what makes a case hard, in words."""
-    _, two, history, at_points, *_ = traits(case)
-    if at_points:
+    if is_set_valued(case):
         return KINDS[-1]
-    return KINDS[2 * int(two) + int(history)]
+    return KINDS[2 * (case.needs.placements - 1) + case.needs.history]
 
 
-def fitted(cases: list[Case], seconds: list[float]) -> list[float]:
-    """Return the weights of the traits that tell the logarithm of times best; zero of no trait."""
-    known = np.array([traits(case) for case in cases])
-    weights, *_ = np.linalg.lstsq(known, np.log(seconds), rcond=None)
-    return [round(float(w), 2) for w in weights]
+def fitted(cases: list[Case], seconds: list[float]) -> str:
+    """Return the usual time for 1 %, its factor with a set-valued law, and the accuracy's power."""
+    finer = [log(ACCURACY / case.accuracy) for case in cases if case.accuracy]
+    known = np.column_stack([np.ones(len(cases)), [is_set_valued(c) for c in cases], finer])
+    (usual, slower, power), *_ = np.linalg.lstsq(known, np.log(seconds), rcond=None)
+    return f"{exp(usual):.2g} s, {exp(slower):.2g} times, power {power:.2g}"
 
 
 def draw(rows: list[Row], kinds: list[str]) -> mpl.Figure:
@@ -257,9 +258,8 @@ def main() -> int:
         text += f"\n{honesty(finer, FINER_ACCURACY)}\n{commits(finer)}\n"
     PAGE.write_text(text, encoding="utf-8")
     every, known = [*rows, *finer], [*cases, *finer_cases]
-    print("TRIALS", fitted(known, [r.pilot for r in every]))
-    runs = [max(r.seconds - r.pilot, 0.1) for r in every]
-    print("RUN", fitted(known, runs))
+    print("trials:", fitted(known, [r.pilot for r in every]))
+    print("run:", fitted(known, [max(r.seconds - r.pilot, 0.1) for r in every]))
     print(f"{words}\npage: {PAGE.relative_to(Path.cwd())}")
     measured = figures(rows, finer, near)
     print("== figures", *measured, sep="\n")

@@ -249,6 +249,11 @@ def name_of(test: str, figure: str) -> str:
     return f"{test}: {figure}"
 
 
+def is_set_valued(case: Case) -> bool:
+    """Return whether a case has a set-valued law of friction."""
+    return any(entry.effect.set_valued for entry in case.scene)
+
+
 def depends_on_steps(case: Case) -> bool:
     """Return whether figures depend on the steps: with history, or read between them by a test."""
     return case.needs.history or bool(case.figures)
@@ -264,7 +269,7 @@ def breaks_of(case: Case) -> tuple[float, ...]:
     program, times = program_of_case(case), set[float]()
     if case.needs.rate:
         times |= {m.time for m in program.milestones if m.jump}
-    if not case.needs.rate or any(e.effect.set_valued for e in case.scene):
+    if not case.needs.rate or is_set_valued(case):
         times |= program.reversals
     return tuple(sorted(times))
 

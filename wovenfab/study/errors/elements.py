@@ -23,6 +23,7 @@ from wovenfab.study.errors.refinement import FASTEST, error_of_degrees
 from wovenfab.study.response import (
     Budget,
     Response,
+    is_set_valued,
     prolongated,
     response_of,
     with_elements,
@@ -71,7 +72,7 @@ def error_of_degree(
 
 def fastest_convergence(case: Case) -> float:
     """Return the largest exponent of convergence in the degree that is believed for a case."""
-    if any(entry.effect.set_valued for entry in case.scene):
+    if is_set_valued(case):
         return FASTEST_SET_VALUED
     return FASTEST_FRICTION if case.needs.history else FASTEST
 

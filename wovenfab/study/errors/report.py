@@ -6,7 +6,6 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import chain
-from math import exp, log
 from pathlib import Path
 from typing import Any
 
@@ -20,22 +19,21 @@ from wovenfab.case.program import prescribe_forces
 from wovenfab.record.history import peak_force
 from wovenfab.record.summary import write_summary
 from wovenfab.sheet.sheet import Sheet
-from wovenfab.sheet.tolerance import SAME_DIRECTION
 from wovenfab.study.errors.choice import USUAL_ACCURACY, Plan, plan
 from wovenfab.study.errors.estimate import Estimate, stated_error
 from wovenfab.study.errors.step_search import ALMOST
 from wovenfab.study.errors.steps import PEAKS
 from wovenfab.study.force_curve import ForceCurve
-from wovenfab.study.response import breaks_of, depends_on_steps, name_of
+from wovenfab.study.response import breaks_of, depends_on_steps, is_set_valued, name_of
 
 Array = NDArray[np.float64]
 
 logger = logging.getLogger(__name__)
-#: Logarithms of seconds, for each of the traits of a case: of all trials with compiling, and of a
-#: cycle or ramp with what was chosen, on two processors of the machine of docs/random-fabrics.md.
-#: ``make random`` fits and prints them.
-TRIALS = (1.63, 0.12, 0.17, 1.12, 0.21, 0.03, 0.23)
-RUN = (1.09, -0.06, -0.07, 1.05, 0.32, -0.02, 0.36)
+#: Seconds of all trials for an accuracy of 1 % with compiling, and of a cycle or ramp with what was
+#: chosen, on two processors of the machine of docs/random-fabrics.md; how often as many they are
+#: with a set-valued law; and the power by which they grow with the accuracy. ``make random`` fits
+#: and prints them. With other traits of a case they are not more certain.
+TRIALS, RUN, SET_VALUED, POWER = 12.0, 5.0, 2.4, 0.25
 #: Why an accuracy counts as not reached where nothing slides in the trials of steps, or where these
 #: lack another figure.
 NO_LOSS = "yarns slide with these elements, but not on the coarse mesh on which steps are judged"
@@ -115,36 +113,14 @@ def _unjudged(estimate: Estimate | None) -> list[str]:
     return [name for name in estimate.space if name not in estimate.time]
 
 
-def traits(case: Case) -> tuple[float, ...]:
-    """Return what the time for an accuracy depends on, by experience.
-
-    Args:
-        case: A case with an accuracy.
-
-    Returns:
-        1; whether there are two placements, history, a set-valued law, cycles, fibres askew to
-        the axis; by how many times the accuracy is below 1 %, its logarithm.
-    """
-    assert case.accuracy is not None
-    segments = chain(*case.programs.values())
-    return (
-        1.0,
-        float(case.needs.placements == 2),
-        float(case.needs.history),
-        float(any(entry.effect.set_valued for entry in case.scene)),
-        float(any(isinstance(segment, CyclesSection) for segment in segments)),
-        float(abs(sum(case.sheet.fibres)) > SAME_DIRECTION),  # askew to the edges
-        log(USUAL_ACCURACY / case.accuracy),
-    )
-
-
 def expected_seconds(case: Case) -> float:
     """Return about how long a case with an accuracy takes on two processors, s."""
-    known = traits(case)
-    trials, run = (exp(float(np.dot(known, weights))) for weights in (TRIALS, RUN))
+    assert case.accuracy is not None
     segments = chain(*case.programs.values())
     cycles = sum(s.segment(2).count for s in segments if isinstance(s, CyclesSection))
-    return trials + run * max(1, cycles)
+    slower = SET_VALUED if is_set_valued(case) else 1.0
+    more: float = (USUAL_ACCURACY / case.accuracy) ** POWER
+    return (TRIALS + RUN * max(1, cycles)) * slower * more
 
 
 def errors_of(chosen: Plan, case: Case) -> dict[str, Any]:
