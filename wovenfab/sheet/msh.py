@@ -36,8 +36,6 @@ QUADRILATERALS = {3, 10, 16, 36, 37, 38}
 #: Kinds of whole numbers: int and size_t of C.
 Kind = Literal["i", "s"]
 REMEDY = "write it anew: gmsh FILE.geo -2 -format msh41 -o FILE.msh"
-#: Elements of a text that are read together.
-TOGETHER = 1000
 #: Bytes that are read at a time to find a section.
 CHUNK = 1 << 20
 
@@ -290,6 +288,7 @@ def _elements_2(values: _Numbers, is_binary: bool) -> Iterator[_Block]:
     number of tags, and then number, tags and nodes of each.
     """
     left, numbers, at = values.line(), values.rest(), 0
+    together = 1  # elements that are read at once: twice as many as long as they are alike
     words = slice(0, 3) if is_binary else slice(1, 3)
     found: dict[tuple[int, int, int], list[Rows]] = defaultdict(list)
     while left > 0:
@@ -299,10 +298,11 @@ def _elements_2(values: _Numbers, is_binary: bool) -> Iterator[_Block]:
         kind, tags = int(head[words][0]), int(head[2])
         each = tags + _nodes_of(kind) + is_binary
         width = 3 + each * (int(head[1]) if is_binary else 1)
-        blocks = numbers[at : at + min(TOGETHER, (len(numbers) - at) // width) * width]
+        blocks = numbers[at : at + min(together, (len(numbers) - at) // width) * width]
         blocks = blocks.reshape(-1, width)
         same = (blocks[:, words] == head[words]).all(axis=1)
         count = len(blocks) if same.all() else int(same.argmin())
+        together = 2 * together if count == len(blocks) else 1
         rows = blocks[:count, 3:].reshape(-1, each)[:, int(is_binary) :]
         if not 0 < len(rows) <= left:
             raise _broken("Elements", "is cut short, or states a wrong number of elements")
