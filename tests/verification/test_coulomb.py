@@ -47,7 +47,7 @@ def sheet_with(kind: str, law: str = "coulomb", slope: float = 1.0, **numerics: 
     return scenes.model(scenes.sheet(), names, Numerics(2, **numerics), values)
 
 
-@pytest.mark.parametrize("count", [4, pytest.param(160, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [4, 160])
 @pytest.mark.parametrize("scheme", ["backward-euler", "midpoint"])
 def test_a_driven_slider_loses_four_zeta_amplitudes_a_cycle(count: int, scheme: str) -> None:
     """Per area and component, however few the steps; 8 amplitudes from rest in two cycles."""

@@ -45,6 +45,8 @@ START_ROOM = 0.5
 #: bound that varies, over the stress by which the sheet resists a displacement as large as a cell
 #: (friction of no bound at all has no interior, and one that is left out cannot come back).
 NOTHING = 1e-12
+#: Energy by which the law may be missed, over the tolerance and the energy of the sheet.
+OF_ENERGY = 0.1
 #: Stiffness of a point that sticks, over that of the sheet, where the law is linearised at the end.
 STUCK = 1e7
 #: Distance of a stress from its bound, over the bound, that is round-off.
@@ -266,7 +268,7 @@ class InteriorPoint:
             active = any(f.creeps for f in self._frictions) or bool(self._increment.any())
             return not self._sum(float(active))
         gap, loss = self._sum(self.gap()), self._sum(self.loss())
-        return gap <= tolerance * loss or gap <= tolerance * energy()
+        return gap <= tolerance * loss or gap <= OF_ENERGY * tolerance * energy()
 
     def linearise(self) -> tuple[Array, Array]:
         """Linearise the law at the solution, and give the forms the tangent.
