@@ -24,29 +24,29 @@ TANGENTS = 3
 
 def plans() -> list[Figure]:
     """Return how many plans fall short, the work of their trials, and about that of their runs."""
-    short, tried, runs = 0, 0.0, 0.0
+    spent, short, tried, runs = list[float](), 0, 0.0, 0.0
     spend = Budget.spend
-    for number in SCENES:
-        spent: list[float] = []
 
-        def note(self: Budget, tangents: int, unknowns: int, spent: list[float] = spent) -> None:
-            spent.append(tangents * work(unknowns))
-            spend(self, tangents, unknowns)
+    def note(budget: Budget, tangents: int, unknowns: int) -> None:
+        spent.append(tangents * work(unknowns))
+        spend(budget, tangents, unknowns)
 
-        with tempfile.TemporaryDirectory() as folder, patch.object(Budget, "spend", note):
+    with tempfile.TemporaryDirectory() as folder, patch.object(Budget, "spend", note):
+        for number in SCENES:
+            spent.clear()
             case = read_case(scene(number, SEED, Path(folder)))
             found = plan(case, MPI.COMM_SELF, lambda line: None)
-        assert found.estimate is not None
-        unknowns = found.estimate.response.model.unknowns
-        run = TANGENTS * found.case.planned_steps * work(unknowns)
-        print(
-            f"scene {number}: {unknowns} unknowns, {found.case.planned_steps} steps, work "
-            f"{sum(spent):.0f} and {run:.0f}; error {100 * found.estimate.worst:.2g} % expected",
-            flush=True,
-        )
-        short += bool(found.shortfall)
-        tried += sum(spent)
-        runs += run
+            assert found.estimate is not None
+            unknowns, steps = found.estimate.response.model.unknowns, found.case.planned_steps
+            run = TANGENTS * steps * work(unknowns)
+            print(
+                f"scene {number}: {unknowns} unknowns, {steps} steps, work {sum(spent):.0f} and "
+                f"{run:.0f}; error {100 * found.estimate.worst:.2g} % expected",
+                flush=True,
+            )
+            short += bool(found.shortfall)
+            tried += sum(spent)
+            runs += run
     of = f"of {len(SCENES)} random fabrics for 1 %"
     return [
         Figure("plans that fall short", short, 0, "", of),

@@ -158,19 +158,24 @@ def test_one_inverse_iteration_has_the_smallest_eigenvalue_to_a_thousandth(times
     equilibrium.destroy()
 
 
+def set_diagonal(matrix: PETSc.Mat, values: NDArray[np.float64]) -> None:
+    """Let a matrix have these values on its diagonal, and zeros elsewhere."""
+    matrix.zeroEntries()
+    diagonal = matrix.getDiagonal()
+    diagonal.array_w[:] = values
+    matrix.setDiagonal(diagonal)
+    matrix.assemble()
+    diagonal.destroy()
+
+
 def test_a_null_pivot_is_not_negative() -> None:
     _, equilibrium, _ = pushed(0.0)
     matrix, spectrum = equilibrium.tangent(), equilibrium.spectrum
-    matrix.zeroEntries()
-    diagonal = matrix.getDiagonal()
-    diagonal.array_w[:] = 1.0
-    diagonal.array_w[[3, 7]] = 0.0
-    diagonal.array_w[5] = -1.0
-    matrix.setDiagonal(diagonal)
-    matrix.assemble()
+    values = np.ones(matrix.size[0])
+    values[[3, 7]], values[5] = 0.0, -1.0
+    set_diagonal(matrix, values)
     spectrum._linear.renew()
     assert spectrum._linear.negatives == 1
-    diagonal.destroy()
     equilibrium.destroy()
 
 
@@ -242,16 +247,12 @@ def test_a_mode_that_becomes_the_softest_is_seen_though_it_lies_across_the_last_
     free = np.flatnonzero(spectrum._start.array_r)
     seen = []
     for soft, other, steps in ((1.0, 3.0, 40), (1.0, 0.3, 10)):
+        values = np.full(matrix.size[0], 1e3)
+        values[free[[10, 20]]] = soft, other
         for _ in range(steps):
-            matrix.zeroEntries()
-            diagonal = matrix.getDiagonal()
-            diagonal.array_w[:] = 1e3
-            diagonal.array_w[free[[10, 20]]] = soft, other
-            matrix.setDiagonal(diagonal)
-            matrix.assemble()
+            set_diagonal(matrix, values)
             spectrum._linear.renew()
             assert spectrum.judge(0.0) == 0
-            diagonal.destroy()
         seen.append(spectrum._value)
     assert seen == pytest.approx([1.0, 0.3], rel=0.02)
     equilibrium.destroy()
@@ -266,14 +267,9 @@ def test_a_mode_that_becomes_the_softest_is_seen_with_an_older_factor() -> None:
         values = 1e3 * (1 + 0.9 * np.sin(waves * np.arange(matrix.size[0])))
         values[free[[10, 20]]] = soft, other
         for step in range(steps):
-            matrix.zeroEntries()
-            diagonal = matrix.getDiagonal()
-            diagonal.array_w[:] = values
-            matrix.setDiagonal(diagonal)
-            matrix.assemble()
+            set_diagonal(matrix, values)
             if other > soft and not step:
                 spectrum._linear.renew()
             assert spectrum.judge(0.0) == 0
-            diagonal.destroy()
         assert spectrum._value == pytest.approx(min(soft, other), rel=0.02)
     equilibrium.destroy()
