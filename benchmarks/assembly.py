@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from tempfile import TemporaryDirectory
 from typing import Any
+from unittest.mock import patch
 
 import basix
 import ufl
@@ -21,6 +22,7 @@ from benchmarks.probe import CASE
 from wovenfab.case import read_case
 from wovenfab.case.objects import model_of, sheet_of
 from wovenfab.forms.kinematics import displacements
+from wovenfab.model import kernels
 from wovenfab.model.assembly import assemble_matrix, create_matrix, jit_options
 from wovenfab.model.kernels import own_kernels
 from wovenfab.model.model import Model
@@ -77,13 +79,32 @@ def assembly() -> list[Figure]:
             "there is nothing more to compile",
         ),
         *_kernel_over_ffcx(ours),
+        _whole_lanes(_model(SIZE, "discretisation.degree=4")),
     ]
+
+
+def _tangent_in_cells(model: Model) -> Any:
+    arguments = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
+    return model.balance.jacobian(*arguments, model.last)
+
+
+def _whole_lanes(model: Model) -> Figure:
+    """Compare rows of a kernel's matrices that are filled up with zeros with those that are not."""
+    tangent = _tangent_in_cells(model)
+    filled, _ = _compiled(tangent, own_kernels())
+    with patch.object(kernels, "LANES", 1):
+        short, _ = _compiled(tangent, own_kernels())
+    here, there = _fastest(
+        partial(fem.assemble_matrix, filled), partial(fem.assemble_matrix, short)
+    )
+    meaning = f"fastest of {REPEATS}, {1e3 * here:.0f} over {1e3 * there:.0f} ms, degree 4"
+    return Figure("rows of kernels filled up to lanes, over short ones", here / there, 0.95, "x",
+                  meaning)  # fmt: skip
 
 
 def _kernel_over_ffcx(model: Model) -> list[Figure]:
     """Compare the tangent's kernel in the cells with the one that FFCx alone writes."""
-    arguments = ufl.TrialFunction(model.space), ufl.TestFunction(model.space)
-    tangent = model.balance.jacobian(*arguments, model.last)
+    tangent = _tangent_in_cells(model)
     (ours, compiled), (theirs, usual) = (
         _compiled(tangent, way) for way in (own_kernels(), nullcontext())
     )

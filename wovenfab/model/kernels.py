@@ -45,8 +45,6 @@ _ANALYSIS = importlib.import_module("ufl.algorithms.compute_form_data")
 
 #: Doubles that a processor multiplies at once, at least.
 LANES = 4
-#: Products an entry from which they are written as a product of matrices.
-FEWEST = 3
 
 
 class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no types
@@ -75,19 +73,18 @@ class SmallProducts(FFCX_KERNELS.IntegralGenerator):  # type: ignore[misc] # no 
         return [*map(self._rewritten, sections)], factors
 
     def _rewritten(self, section: Any) -> Any:
-        """Return a section with matrices where it has many products in a loop over j and i."""
+        """Return a section with matrices where it has products in a loop over j and i."""
         over_j = section.statements[0]
         if lnodes.depth(over_j) != len("ij"):
             return section
         over_i = over_j.body.statements[0]
         bodies = [getattr(body, "statements", [body]) for body in over_i.body.statements]
         terms = [statement.expr for body in bodies for statement in body]
+        if any(len(term.rhs.args) != len("CRS") for term in terms):
+            return section
         blocks: dict[Any, list[Any]] = {}
         for term in terms:
             blocks.setdefault(tuple(term.lhs.indices[0].symbols), []).append(term)
-        few = len(terms) < FEWEST * len(blocks)
-        if few or any(len(term.rhs.args) != len("CRS") for term in terms):
-            return section
         # The derivatives that a component of the test function has, and one of the trial function:
         tests: dict[Any, dict[Any, None]] = {}
         trials: dict[Any, dict[Any, None]] = {}
