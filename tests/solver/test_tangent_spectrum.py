@@ -14,7 +14,7 @@ from tests import scenes
 from wovenfab.model.model import Model
 from wovenfab.solver.equilibrium import EquilibriumSolver
 from wovenfab.solver.problem import SolveResult, SolverOptions
-from wovenfab.solver.tangent_spectrum import TangentSpectrum
+from wovenfab.solver.tangent_spectrum import TangentSpectrum, start_vector
 from wovenfab.stepping.stability import leave_saddle, softest_mode
 
 #: Pushed along the yarns, the coarse sheet buckles first at 0.026 mm.
@@ -177,6 +177,37 @@ def test_a_null_pivot_is_not_negative() -> None:
     spectrum._linear.renew()
     assert spectrum._linear.negatives == 1
     equilibrium.destroy()
+
+
+def test_a_tangent_is_made_definite_though_the_first_shift_is_by_far_too_small() -> None:
+    """The vector that is softest at first hides a negative eigenvalue of 1e12 times its own."""
+    _, equilibrium, _ = pushed(0.0)
+    matrix, spectrum = equilibrium.tangent(), equilibrium.spectrum
+    spectrum._assemble = lambda: None  # the matrix stays
+    values = np.ones(matrix.size[0])
+    values[np.flatnonzero(spectrum._start.array_r)[[10, 20]]] = 1e-9, -1e3
+    set_diagonal(matrix, values)
+    spectrum._linear.renew()
+    assert spectrum._linear.negatives == 1
+    spectrum._make_definite()
+    assert spectrum._linear.negatives == 0
+    assert 1e3 < spectrum._shift < 4e3
+    equilibrium.destroy()
+
+
+def test_iterations_start_with_a_part_of_every_long_wave_and_little_else() -> None:
+    """A long wave that lacked would be found late; the first iteration has to remove short ones."""
+    model = scenes.model(scenes.sheet(mesh_size=0.03), scenes.BONDED, scenes.PROTOTYPE)
+    x, y = np.pi * model.placements.positions.T / [[0.9], [0.3]]
+    waves = [np.cos(k * x) * np.cos(m * y) for k in range(8) for m in range(3)]
+    basis = np.linalg.qr(np.transpose(waves))[0]
+    parts = []
+    for seed in range(20):
+        start = start_vector(model.placements, [], seed)
+        parts.append((basis.T @ start.array_r.reshape(-1, 2)) ** 2)  # of a vector of length 1
+        start.destroy()
+    assert np.median(parts, axis=0).min() > 2e-4
+    assert np.median(np.sum(parts, axis=(1, 2))) > 0.5
 
 
 def test_the_step_that_is_made_to_descend_does_so_where_newtons_rises() -> None:

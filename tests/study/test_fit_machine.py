@@ -181,3 +181,18 @@ def test_curves_of_a_machine_without_spring_and_slack_are_those_of_the_sample() 
     made = curve(TRUTH)
     plain = Measured(Path("twin.csv"), made.displacement, made.force, None)
     assert compared(plain, made, error=ERROR).misfit < 1e-14
+
+
+def test_a_soft_spring_before_a_sample_that_locks_is_followed_to_the_row() -> None:
+    """Each iteration brings the force nearer by one e-folding only."""
+    half = np.linspace(0, 1, 401)
+    u = SPAN * np.concatenate([half, half[-2::-1]])
+    force = np.exp(20 * u / SPAN)
+    ends = (0, half.size - 1, u.size - 1)
+    sample = ResponseCurve(u, force, 0 * u, np.zeros((u.size, 0)), ends, 0.0)
+    compliance = 1e4 * SPAN / force.max()
+    x = u + compliance * force
+    behind = Measured(Path("twin.csv"), x, force, None)
+    machine = {"machine.compliance": compliance}
+    made = compared(behind, sample, values=machine, reference=machine, error=ERROR)
+    assert made.misfit < 1e-6

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,7 +14,7 @@ from pathlib import Path
 import pytest
 
 from wovenfab.study import runner
-from wovenfab.study.runner import Command, execute
+from wovenfab.study.runner import Command, Ended, execute, execute_all, here
 
 RULE = "-" * 74
 REFUSED = f"{RULE}\nThe launcher does not run\nas root.\n\nIt may be told to.\n{RULE}"
@@ -90,3 +91,37 @@ def test_a_program_that_is_missing_is_told(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(runner, "on_ranks", lambda _: ["no-such-launcher"])
     told = "no-such-launcher cannot be started: No such file or directory"
     assert execute(Command(["-c", ""])).failure == told
+
+
+def test_a_command_has_time_to_end_when_it_is_told_to_and_one_that_does_not_is_killed(
+    tmp_path: Path,
+) -> None:
+    tidies = "import signal, sys, time; signal.signal(signal.SIGTERM, lambda *_: sys.exit(tidy()));"
+    tidies += f"tidy = lambda: (time.sleep(2), open({str(tmp_path / 'tidy')!r}, 'w')) and 7;"
+    stays = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
+    ends: dict[int, Ended] = {}
+    execute_all(
+        [Command(["-c", f"{code} time.sleep(60)"], limit=1.0) for code in (tidies, stays)],
+        here(2),
+        ends.__setitem__,
+    )
+    assert (tmp_path / "tidy").exists() and ends[0].code == 7
+    assert ends[1].code == -signal.SIGKILL and ends[1].seconds < 30
+
+
+def test_who_waits_hears_of_it_several_times_a_second() -> None:
+    heard: list[float] = []
+    execute(Command(["-S", "-c", "import time; time.sleep(2)"]), heard.append)
+    assert 4 <= len(heard) <= 30
+
+
+def test_results_that_another_process_leaves_are_waited_for_longer_than_its_end_can_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A command ends within two periods of grace; one that never does is not waited for."""
+    now = [0.0]
+    monkeypatch.setattr(runner, "is_in_use", lambda _: True)
+    monkeypatch.setattr(runner.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(runner.time, "sleep", lambda s: now.__setitem__(0, now[0] + s))
+    runner._await(tmp_path, lambda: False)
+    assert 2 * (2 * runner._GRACE) < now[0] < 600
