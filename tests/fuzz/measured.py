@@ -25,7 +25,7 @@ from openpyxl import Workbook
 from tests.fuzz.__main__ import VALUES, finish, mutated
 from wovenfab.case import CaseError
 from wovenfab.measured.cloud import read_cloud
-from wovenfab.measured.curve import Measured, in_words, read_measured
+from wovenfab.measured.curve import Measured, describe_reading, read_measured
 from wovenfab.measured.layout import Layout
 from wovenfab.study.fit.fit_file import read_fit
 
@@ -121,7 +121,7 @@ def is_sound(found: Measured) -> None:
     assert np.isfinite([found.displacement, found.force]).all() and np.ptp(found.displacement) > 0
     rows = np.concatenate([rows[1:] for rows in found.branches()])
     assert np.array_equal(rows, np.arange(1, found.force.size))
-    assert "\x1b" not in "\n".join(in_words(found.reading))
+    assert "\x1b" not in "\n".join(describe_reading(found.reading))
 
 
 def workbook(folder: Path, generator: random.Random) -> None:

@@ -12,7 +12,7 @@ from scipy.integrate import trapezoid
 from wovenfab.case import CaseError, read_case
 from wovenfab.case.boundary import FrameMotion
 from wovenfab.case.specimen import ShearTest, shear_test_of
-from wovenfab.measured.curve import in_words, read_curve, read_measured
+from wovenfab.measured.curve import describe_reading, read_curve, read_measured
 from wovenfab.measured.layout import Layout
 from wovenfab.record.bias_extension import BiasExtension
 from wovenfab.record.jaws import Jaws
@@ -119,7 +119,7 @@ def test_displacement_and_force_are_taken_where_both_pairs_are_there(tmp_path: P
 
 def test_how_an_angle_is_read_is_said_in_degrees(tmp_path: Path) -> None:
     path = written(tmp_path, "angle (rad),shear force (N/mm)", GAMMA, 1e-3 * law(GAMMA))
-    words = "\n".join(in_words(read_curve(path)))
+    words = "\n".join(describe_reading(read_curve(path)))
     assert "(0 to 55 deg)" in words and f"{law(GAMMA)[-1]:.5g} N/m at 55 deg" in words
 
 

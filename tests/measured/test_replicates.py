@@ -16,7 +16,7 @@ from wovenfab.study.fit.fit_file import Fit, read_fit
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import ResponseCurve
 from wovenfab.study.fit.search import search
-from wovenfab.study.fit.specimens import in_words, specimen_values
+from wovenfab.study.fit.specimens import describe_specimens, specimen_values
 
 Array = NDArray[np.float64]
 FACTORS = (0.9, 1.0, 1.15, 0.95)
@@ -116,7 +116,7 @@ def test_each_specimen_has_its_values_and_their_mean_is_the_joint_one(
     np.testing.assert_allclose([s.values["stretch.stiffness"] for s in specimens], 9e4, rtol=2e-3)
     centre = np.mean([objective.scaled(s.values) for s in specimens], axis=0)
     np.testing.assert_allclose(centre, objective.scaled(found.values), atol=1e-12)
-    lines = in_words(specimens, fit)
+    lines = describe_specimens(specimens, fit)
     assert len(lines) == 2 and all(f"{value:.4g}" in lines[0] for value in values)
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from wovenfab.case import CaseError
 from wovenfab.measured.cloud import read_cloud
-from wovenfab.measured.curve import Measured, in_words, read_measured
+from wovenfab.measured.curve import Measured, describe_reading, read_measured
 from wovenfab.measured.layout import Layout, layout_of_options
 from wovenfab.measured.table import read_table
 
@@ -109,7 +109,7 @@ def test_the_table_is_read_whatever_else_is_in_the_file(name: str, tmp_path: Pat
     is_the_curve(curve)
     assert curve.reading is not None
     assert len(curve.reading.skipped) == skipped
-    words = "\n".join(in_words(curve.reading))
+    words = "\n".join(describe_reading(curve.reading))
     assert f"{N} rows" in words and f"largest force: {F[-1]:.5g} N" in words
 
 

@@ -20,7 +20,7 @@ from wovenfab.case import CaseError
 from wovenfab.lacking import LackingError
 from wovenfab.measured import workbook
 from wovenfab.measured.cloud import read_cloud
-from wovenfab.measured.curve import in_words, read_measured
+from wovenfab.measured.curve import describe_reading, read_measured
 from wovenfab.measured.layout import Layout
 from wovenfab.study.fit.fit_file import read_fit
 
@@ -118,7 +118,7 @@ def test_numbers_of_a_workbook_are_read_exactly(name: str, tmp_path: Path) -> No
     assert np.array_equal(found.displacement, 1e-3 * U)
     assert np.array_equal(found.force, F)
     assert found.reading is not None and len(found.reading.skipped) == skipped
-    words = "\n".join(in_words(found.reading))
+    words = "\n".join(describe_reading(found.reading))
     assert f"sheet {more.get('sheet', 'Data')!r}".casefold() in words.casefold()
     assert f"{N} rows" in words and f"largest force: {F[-1]:.5g} N" in words
 

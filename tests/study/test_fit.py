@@ -14,7 +14,12 @@ from tests.cli.test_commands import wovenfab
 from wovenfab.case import CaseError, read_case
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit, read_fit, with_values
-from wovenfab.study.fit.identifiability import Identifiability, in_words, knowledge, sign_runs
+from wovenfab.study.fit.identifiability import (
+    Identifiability,
+    describe_identifiability,
+    knowledge,
+    sign_runs,
+)
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import compared, computed
 from wovenfab.study.fit.search import offset, search
@@ -161,7 +166,7 @@ def test_a_parameter_without_effect_is_named(tmp_path: Path) -> None:
         e = objective.evaluate(values)
     known = knowledge(fit, values, 0 * e.residuals, e.jacobian, e.comparisons)
     assert [i.determined for i in known.intervals] == [True, True, False]
-    assert any("bending.stiffness" in line for line in in_words(known, fit))
+    assert any("bending.stiffness" in line for line in describe_identifiability(known, fit))
 
 
 def test_derivatives_of_compared_forces_agree_with_differences(tmp_path: Path) -> None:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from wovenfab.case import CaseError, read_case
 from wovenfab.forms.effect import Target
 from wovenfab.report.fit import draw_fit, write_fit_page
-from wovenfab.study.fit.clouds import field_compared, in_words
+from wovenfab.study.fit.clouds import describe_field, field_compared
 from wovenfab.study.fit.fit_file import FieldTest, Fit, read_fit
 from wovenfab.study.fit.identifiability import Identifiability, knowledge
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import (
     BranchError,
-    Place,
+    FieldPoints,
     ResponseCurve,
     command,
     computed,
@@ -66,7 +66,7 @@ def _place(folder: Path) -> Path:
     (folder / "case.yaml").write_text(CASE)
     (folder / "fit.yaml").write_text(FIT)
     case = read_case(folder / "case.yaml", {"time.extra_times": ["0.6 s"], "program.steps": 20})
-    made = computed(case, [], {"it": Place(0.6, POINTS)})
+    made = computed(case, [], {"it": FieldPoints(0.6, POINTS)})
     force = made.force + NOISE * made.force.max() * generator.standard_normal(made.force.size)
     rows = [f"{u!r},{f!r}" for u, f in zip(made.displacement.tolist(), force.tolist(), strict=True)]
     (folder / "curve.csv").write_text("\n".join(["u_m,F_N", *rows]) + "\n")
@@ -94,7 +94,7 @@ def test_derivatives_of_displacements_are_those_of_differences(
     """At a time between two planned ones, of one placement and of two with friction."""
     (tmp_path / "case.yaml").write_text(CASE)
     always = {"solver.tolerance": 1e-12, "time.extra_times": ["0.6 s"], **more}
-    places = {"it": Place(0.6, POINTS[::37])}
+    places = {"it": FieldPoints(0.6, POINTS[::37])}
     targets = [Target("shear", "stiffness"), Target("bending", "stiffness")]
     names = [f"effects.{t.effect}.{t.parameter}" for t in targets]
     made = computed(read_case(tmp_path / "case.yaml", always), targets, places).fields["it"]
@@ -114,7 +114,7 @@ def test_displacements_are_the_same_on_two_ranks_in_a_process_of_their_own(tmp_p
     """As in a fit with ``--ranks 2``, or on a cluster."""
     (tmp_path / "case.yaml").write_text(CASE)
     case = read_case(tmp_path / "case.yaml", {"time.extra_times": ["0.6 s"]})
-    asked = case, [Target("bending", "stiffness")], {"it": Place(0.6, POINTS[::37])}
+    asked = case, [Target("bending", "stiffness")], {"it": FieldPoints(0.6, POINTS[::37])}
     one, two = (curve_of(execute(command(*asked, ranks))) for ranks in (1, 2))
     np.testing.assert_allclose(two.slopes, one.slopes, rtol=1e-6, atol=1e-9)
     size = np.abs(one.fields["it"]).max(axis=(0, 1))
@@ -138,7 +138,7 @@ def test_bending_is_found_from_field_and_curve_and_not_from_the_curve(tmp_path: 
             print(f"{name}: {i.name} {i.value:.3g} {i.unit} ({i.low:.3g} to {i.high:.3g})")
     for test, c in zip(fit.tests[1:], e.comparisons[1:], strict=True):
         assert isinstance(test, FieldTest)
-        print(in_words(test, c))
+        print(describe_field(test, c))
     (tmp_path / "out").mkdir()
     write_result(fit, found, both, (), (), (), tmp_path / "out")
     field = json.loads((tmp_path / "out" / "fit.json").read_text())["tests"][1]["field"]
@@ -207,7 +207,10 @@ def test_points_beside_the_sheet_do_not_count_and_most_must_lie_on_it(
         field_compared(*_with_rows(field, curve, np.concatenate([rows[:100], -rows[100:]])), ())
     (tmp_path / "case.yaml").write_text(CASE)
     case, away = read_case(tmp_path / "case.yaml"), np.array([[-0.5, 0.0]])
-    places = {"some": Place(0.5, np.vstack([away, POINTS[:3]])), "none": Place(1.0, away)}
+    places = {
+        "some": FieldPoints(0.5, np.vstack([away, POINTS[:3]])),
+        "none": FieldPoints(1.0, away),
+    }
     here = computed(case, [], places).fields
     assert np.isnan(here["some"][0]).all() and np.isfinite(here["some"][1:]).all()
     assert here["none"].shape == (1, 2, 1) and np.isnan(here["none"]).all()

@@ -13,7 +13,7 @@ from tests.study.test_fit_machine import TRUTH, UNKNOWNS, Closed, fit_to, measur
 from wovenfab.study.fit.identifiability import (
     Fidelity,
     Identifiability,
-    in_words,
+    describe_identifiability,
     knowledge,
     sign_runs,
     unknown_in_words,
@@ -53,7 +53,10 @@ def test_what_cells_and_steps_add_to_an_interval_is_said_where_it_counts(
     half = known_with(0.0, tmp_path).intervals[0].half
     known = known_with(0.0, tmp_path, np.array([share * half, 0.0]))
     plain = known_with(0.0, tmp_path)
-    assert len(in_words(known, FIT)) - len(in_words(plain, FIT)) == said
+    assert (
+        len(describe_identifiability(known, FIT)) - len(describe_identifiability(plain, FIT))
+        == said
+    )
 
 
 def test_one_of_a_hundred_curves_with_noise_is_taken_for_an_error_of_the_model() -> None:

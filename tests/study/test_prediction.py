@@ -21,9 +21,9 @@ from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.prediction import (
     FittedCase,
     FittedValues,
+    describe_prediction,
     fitted_case,
     half_width,
-    in_words,
     read_fitted,
     with_band,
 )
@@ -85,7 +85,7 @@ def test_the_band_of_a_spring_is_its_closed_form_and_the_machine_takes_no_part(
     half = (2 * 16 + 3) * u / 2  # W/L = 1/2
     for name, side in (("force_low_N", -1), ("force_high_N", 1)):
         assert columns[name] == pytest.approx(800 * u / 2 + side * half, rel=1e-4, abs=1e-6)
-    assert any("machine.compliance" in line for line in in_words(columns, made))
+    assert any("machine.compliance" in line for line in describe_prediction(columns, made))
     assert made.replaced  # the case had another value
 
 
@@ -99,7 +99,7 @@ def test_ends_of_a_band_that_change_a_parameter_by_half_are_said_to_be_far(
         values = {"stretch.stiffness[1]": 800.0}
         made = fitted_case(strip, fitted(values, [[(part * 800.0) ** 2]]))
         assert not made.replaced
-        lines.append(in_words(banded(made), made))
+        lines.append(describe_prediction(banded(made), made))
     assert len(lines[1]) - len(lines[0]) == far
 
 

@@ -12,7 +12,7 @@ import pytest
 from tests.study.test_fit import as_measured, found
 from wovenfab.case import read_case
 from wovenfab.study.fit.fit_file import Fit, read_fit
-from wovenfab.study.fit.identifiability import in_words, knowledge
+from wovenfab.study.fit.identifiability import describe_identifiability, knowledge
 from wovenfab.study.fit.objective import Objective
 from wovenfab.study.fit.response import computed
 from wovenfab.study.fit.search import search_with_slack
@@ -121,7 +121,7 @@ def test_of_a_slow_loop_bending_is_known_and_two_pairs_only_together(tmp_path: P
     twin(path, OF_LOOP, {"discretisation.mesh_size": "30 mm", "time.steps_per_cycle": 160})
     fit = fit_of(tmp_path, OF_LOOP, "0.5 %", False, "loop")
     values, about, _ = found(fit, tmp_path)
-    words = "\n".join(in_words(about, fit))
+    words = "\n".join(describe_identifiability(about, fit))
     assert values["bending.stiffness"] == pytest.approx(70.0, rel=1e-2)
     assert "shear.stiffness and coupling.stiffness are determined only together" in words
     assert "slip_friction.strength and slip_friction.slope are determined only together" in words

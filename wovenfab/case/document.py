@@ -99,7 +99,7 @@ _TEXT = ("tag:yaml.org,2002:str", "tag:yaml.org,2002:timestamp")
 _OTHER_SCALARS = tuple(f"tag:yaml.org,2002:{t}" for t in ("int", "float", "bool", "null"))
 
 
-class Place(NamedTuple):
+class SourceLine(NamedTuple):
     """Where a value was written.
 
     Attributes:
@@ -121,7 +121,7 @@ class Places:
     """
 
     file: str
-    places: Mapping[KeyPath, Place]
+    places: Mapping[KeyPath, SourceLine]
 
     def locate(self, location: KeyPath, missing: bool = False) -> KeyPath:
         """Return the path in the data of a place in the case.
@@ -136,10 +136,12 @@ class Places:
                 path = (*path, part)
         return path
 
-    def place(self, path: KeyPath) -> Place:
+    def place(self, path: KeyPath) -> SourceLine:
         """Return where a value was written, or what should hold it."""
         holders = (path[:n] for n in range(len(path), -1, -1))
-        return next((self.places[p] for p in holders if p in self.places), Place(self.file, None))
+        return next(
+            (self.places[p] for p in holders if p in self.places), SourceLine(self.file, None)
+        )
 
     def problem(self, path: KeyPath, message: str, remedy: str = "") -> CaseProblem:
         """Return the problem of the value at ``path``, or of what should hold it."""
@@ -206,7 +208,9 @@ def parse_document(text: str, file: str, folder: Path | None = None) -> Document
     data = reader.read(root, ())
     if reader.problems:
         raise CaseError(reader.problems)
-    return Document(file, {path: Place(file, line) for path, line in reader.lines.items()}, data)
+    return Document(
+        file, {path: SourceLine(file, line) for path, line in reader.lines.items()}, data
+    )
 
 
 def _text_of(path: Path) -> str:
@@ -411,7 +415,9 @@ def override(document: Document, text: str) -> Document:
     data = _with(document.data, path, given.data)
     places = {p: at for p, at in document.places.items() if p[: len(path)] != path}
     paths = [path[:n] for n in range(1, len(path))] + [path + p for p in given.places]
-    return replace(document, data=data, places=dict.fromkeys(paths, Place(OVERRIDE, None)) | places)
+    return replace(
+        document, data=data, places=dict.fromkeys(paths, SourceLine(OVERRIDE, None)) | places
+    )
 
 
 def _without_index(path: KeyPath, data: Any) -> KeyPath:

@@ -297,16 +297,16 @@ def possible_fields(needs: Needs) -> tuple[FieldName, ...]:
     return tuple(name for name in get_args(FieldName) if known.get(name, True))
 
 
-Place = Annotated[tuple[Length, Length], Several()]
+Position = Annotated[tuple[Length, Length], Several()]
 
 
-def _apart(ends: tuple[Place, Place]) -> tuple[Place, Place]:
+def _apart(ends: tuple[Position, Position]) -> tuple[Position, Position]:
     if ends[0] == ends[1]:
         raise value_error("both points are the same")
     return ends
 
 
-Ends = Annotated[tuple[Place, Place], AfterValidator(_apart)]
+Ends = Annotated[tuple[Position, Position], AfterValidator(_apart)]
 Family = Literal[1, 2]
 Samples = Annotated[int, Count(least=2, most=100_000)]
 
@@ -317,7 +317,7 @@ class PointSection(Section):
     type: Literal["point"]
     """Kind of probe."""
 
-    at: Place = Field(examples=[["0.45 m", "0.15 m"]])
+    at: Position = Field(examples=[["0.45 m", "0.15 m"]])
     """Reference position."""
 
     @property
@@ -353,7 +353,7 @@ class ZoneSection(Section):
     corners: Ends | None = Field(default=None, examples=[[["0.4 m", "0.1 m"], ["0.5 m", "0.2 m"]]])
     """Opposite corners of a rectangle with sides along x and y."""
 
-    centre: Place | None = None
+    centre: Position | None = None
     """Of a circle."""
 
     radius: Size | None = None
@@ -405,7 +405,7 @@ class YarnSection(Section):
     family: Family
     """Family of the yarn."""
 
-    through: Place = Field(examples=[["0.45 m", "0.15 m"]])
+    through: Position = Field(examples=[["0.45 m", "0.15 m"]])
     """Reference position of a point of it."""
 
     points: Samples = 101

@@ -122,9 +122,9 @@ def _measured(
 
 def show_measured(path: Path, layout: Layout = EMPTY) -> int:
     """Say how a measured curve is read; return the exit code."""
-    from wovenfab.measured.curve import in_words, read_curve
+    from wovenfab.measured.curve import describe_reading, read_curve
 
-    Console().say("\n".join(in_words(read_curve(path, layout))))
+    Console().say("\n".join(describe_reading(read_curve(path, layout))))
     return 0
 
 

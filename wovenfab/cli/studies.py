@@ -121,8 +121,8 @@ def differentiate(
     from wovenfab.study.effects import by_factor, parameters_of, sensitivities, value_of
     from wovenfab.study.fit.fit_file import target_of
     from wovenfab.study.fit.prediction import (
+        describe_prediction,
         fitted_case,
-        in_words,
         measured_beside,
         read_fitted,
         with_band,
@@ -172,7 +172,7 @@ def differentiate(
             columns = with_band(columns, predicted)
             draw_bands(columns, directory / "band.png", measured)
             beside = [measured_beside(columns, measured)] if measured else []
-            console.say("\n".join([*in_words(columns, predicted), *beside]))
+            console.say("\n".join([*describe_prediction(columns, predicted), *beside]))
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         write_csv(directory / "sensitivities.csv", rows)
         values = {str(t): value_of(t, case) for t in targets}
@@ -321,17 +321,15 @@ def _fit(
 ) -> FittedModel:
     """Find the parameters of one fit, write and print what is known of them."""
     from wovenfab.report.fit import PAGE, PICTURE, draw_fit, write_fit_page
-    from wovenfab.study.fit.clouds import in_words as of_field
-    from wovenfab.study.fit.figures import in_words as of_figures
+    from wovenfab.study.fit.clouds import describe_field
+    from wovenfab.study.fit.figures import describe_figures
     from wovenfab.study.fit.fit_file import FieldTest, FigureTest, MeasuredTest
-    from wovenfab.study.fit.identifiability import in_words, knowledge
-    from wovenfab.study.fit.leave_out import FittedModel
-    from wovenfab.study.fit.leave_out import in_words as of_predictions
+    from wovenfab.study.fit.identifiability import describe_identifiability, knowledge
+    from wovenfab.study.fit.leave_out import FittedModel, describe_predictions
     from wovenfab.study.fit.objective import Objective
     from wovenfab.study.fit.result import write_result
     from wovenfab.study.fit.search import profile, search_with_slack
-    from wovenfab.study.fit.specimens import in_words as of_specimens
-    from wovenfab.study.fit.specimens import specimen_values
+    from wovenfab.study.fit.specimens import describe_specimens, specimen_values
 
     curves = [curve for test in fit.tests for curve in test.specimens]
     figures = sum(len(t.figures) for t in fit.tests if isinstance(t, FigureTest))
@@ -347,7 +345,7 @@ def _fit(
     for test in fit.tests:
         if isinstance(test, MeasuredTest) and test.thinning:
             size = float(abs(test.measured.force).max())
-            console.say(f"  {test.thinning.in_words(test.name, size)}")
+            console.say(f"  {test.thinning.describe(test.name, size)}")
     place = directory / RUNS
     with console, Objective(fit, place, cluster, _reporter(console, fit)) as objective:
         found = search_with_slack(objective, fit)
@@ -367,19 +365,21 @@ def _fit(
         if comparison.left_out
     ]
     pairs = list(zip(fit.tests, e.comparisons, strict=True))
-    fields_met = [of_field(t, c) for t, c in pairs if isinstance(t, FieldTest)]
-    figures_met = [line for t, c in pairs if isinstance(t, FigureTest) for line in of_figures(t, c)]
+    fields_met = [describe_field(t, c) for t, c in pairs if isinstance(t, FieldTest)]
+    figures_met = [
+        line for t, c in pairs if isinstance(t, FigureTest) for line in describe_figures(t, c)
+    ]
     notes = [
         *_headlines(fit, found),
         *beyond,
         *figures_met,
         *fields_met,
-        *in_words(known, fit),
+        *describe_identifiability(known, fit),
         *map(str, profiles),
     ]
-    notes += of_specimens(specimens, fit)
+    notes += describe_specimens(specimens, fit)
     if predictions:
-        notes += of_predictions(predictions)
+        notes += describe_predictions(predictions)
     write_result(fit, found, known, profiles, specimens, notes, directory, predictions)
     draw_fit(fit, found, known, directory / PICTURE)
     write_fit_page(fit, found, known, profiles, notes, directory / PAGE, predictions)

@@ -31,7 +31,7 @@ class MeasuredRow:
 
 
 @dataclass(frozen=True)
-class Cells:
+class MeasuredCells:
     """All cells of a text or of a sheet.
 
     Attributes:

@@ -27,7 +27,7 @@ KINDS = {
 
 
 @dataclass(frozen=True)
-class Column:
+class MeasuredColumn:
     """A column as it was understood.
 
     Attributes:
@@ -48,7 +48,7 @@ class Column:
         return f"column {self.number}{title} in {self.unit}"
 
 
-def columns_of(table: MeasuredTable, layout: Layout) -> dict[str, Column]:
+def columns_of(table: MeasuredTable, layout: Layout) -> dict[str, MeasuredColumn]:
     """Return the columns of a curve by quantity: two, and the time if there is one.
 
     Args:
@@ -58,7 +58,7 @@ def columns_of(table: MeasuredTable, layout: Layout) -> dict[str, Column]:
     Raises:
         CaseError: A column is not known, or known by several titles, or has no unit.
     """
-    columns: dict[str, Column] = {}
+    columns: dict[str, MeasuredColumn] = {}
     for quantity in (_one_of(OVER, table, layout), _one_of(OF, table, layout), "time"):
         found = _column(quantity, table, layout, columns)
         if found is not None:
@@ -75,7 +75,7 @@ def _one_of(pair: tuple[str, str], table: MeasuredTable, layout: Layout) -> str:
 
 
 def _candidates(
-    quantity: str, table: MeasuredTable, layout: Layout, others: Mapping[str, Column]
+    quantity: str, table: MeasuredTable, layout: Layout, others: Mapping[str, MeasuredColumn]
 ) -> tuple[list[int], list[int]]:
     """Return the columns, from 0, whose titles name a quantity, and those whose units fit."""
     taken = {c.number - 1 for c in others.values()}
@@ -89,8 +89,8 @@ def _candidates(
 
 
 def _column(
-    quantity: str, table: MeasuredTable, layout: Layout, others: dict[str, Column]
-) -> Column | None:
+    quantity: str, table: MeasuredTable, layout: Layout, others: dict[str, MeasuredColumn]
+) -> MeasuredColumn | None:
     """Return the column of a quantity; None for a time that is not there."""
     given, unit = layout.columns.get(quantity), layout.units.get(quantity)
     path, titles = str(table.file), table.titles
@@ -106,15 +106,15 @@ def _column(
             raise _unknown(quantity, table, found, fitting)
         at = fitting[0]
     if unit is not None:
-        return Column(at + 1, titles[at], unit, _factor(quantity, unit, path))
+        return MeasuredColumn(at + 1, titles[at], unit, _factor(quantity, unit, path))
     written = _unit(table, at, quantity)
     same = [u for u in units_in(titles[at], table.units[at]) if u.si == SI[quantity]]
     if len({u.factor for u in same}) > 1:
         texts = " and ".join(dict.fromkeys(repr(u.text) for u in same))
-        remedy = f"Say which: {said('units', quantity, same[0].text)}."
+        remedy = f"Say which: {setting_text('units', quantity, same[0].text)}."
         raise case_error(path, f"the header has several units of the {quantity}, {texts}", remedy)
     if written is not None and written.si == SI[quantity]:
-        return Column(at + 1, titles[at], written.text, written.factor)
+        return MeasuredColumn(at + 1, titles[at], written.text, written.factor)
     if quantity == "time":
         return None
     if written is not None:
@@ -123,7 +123,7 @@ def _column(
     raise case_error(
         path,
         f"the header has no unit of the {quantity}",
-        f"Say it: {said('units', quantity, EXAMPLES[quantity])}, or {title} in the header.",
+        f"Say it: {setting_text('units', quantity, EXAMPLES[quantity])}, or {title} in the header.",
         table.header,
     )
 
@@ -151,7 +151,7 @@ def _given(quantity: str, given: str | int, table: MeasuredTable) -> int:
         if len(found) > 1:
             numbers = ", ".join(str(i + 1) for i in found)
             message = f"the columns {numbers} have the name {given!r}"
-            remedy = f"Give a number: {said('columns', quantity, str(found[0] + 1))}."
+            remedy = f"Give a number: {setting_text('columns', quantity, str(found[0] + 1))}."
             raise case_error(path, message, remedy, table.header)
         if found:
             return found[0]
@@ -203,7 +203,9 @@ def _unknown(
                 return case_error(path, *_other_kind(quantity, title, kind), table.header)
     which = "more than one column may be" if fitting else "no column is known as"
     example = fitting[0] + 1 if fitting else min(table.width, 2)
-    named = f"{said('columns', quantity, str(example))}, or '{quantity}_{EXAMPLES[quantity]}'"
+    named = (
+        f"{setting_text('columns', quantity, str(example))}, or '{quantity}_{EXAMPLES[quantity]}'"
+    )
     remedy = f"Name it: {named} in the header. {table.names}"
     return case_error(path, f"{which} the {quantity}", remedy, table.header)
 
@@ -217,7 +219,7 @@ def _other_kind(quantity: str, title: str, unit: MeasuredUnit) -> tuple[str, str
         case "displacement", "a ratio":
             remedy = (
                 "A strain times the length of the sample is a displacement: for per cent of 230 mm "
-                f"say {said('units', quantity, '2.3 mm')}, and name the column."
+                f"say {setting_text('units', quantity, '2.3 mm')}, and name the column."
             )
         case "displacement", "an angle":
             remedy = (
@@ -231,25 +233,25 @@ def _other_kind(quantity: str, title: str, unit: MeasuredUnit) -> tuple[str, str
                 factor = units.in_si(plain)[0]
             remedy = (
                 f"Times the width of the sample it is a force: for 100 mm say "
-                f"{said('units', quantity, f'{0.1 * factor:.6g} N')}."
+                f"{setting_text('units', quantity, f'{0.1 * factor:.6g} N')}."
             )
         case "force", "a force per area":
             factor = units.in_si(unit.text)[0]
             remedy = (
                 "Times the cross-section of the sample it is a force: for 100 mm by 0.5 mm say "
-                f"{said('units', quantity, f'{5e-5 * factor:.6g} N')}."
+                f"{setting_text('units', quantity, f'{5e-5 * factor:.6g} N')}."
             )
         case "force", "a mass":
             weight = {"g": "gf", "gr": "gf", "kg": "kgf", "oz": "ozf"}.get(unit.text.casefold())
             weight = weight or "lbf"
-            remedy = f"If its weight is meant, say {said('units', quantity, weight)}."
+            remedy = f"If its weight is meant, say {setting_text('units', quantity, weight)}."
         case _:
-            say = said("units", quantity, EXAMPLES[quantity])
+            say = setting_text("units", quantity, EXAMPLES[quantity])
             remedy = f"Name another column, or say the unit: {say}."
     return message, remedy
 
 
-def said(what: str, quantity: str, value: str) -> str:
+def setting_text(what: str, quantity: str, value: str) -> str:
     """Return how something is said of a file, in a fit file and on the command line."""
     option = f"--{what} {quantity}={value}"
     quoted = f"'{option}'" if " " in value else option

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from wovenfab.case.errors import case_error, describe
 from wovenfab.case.specimen import ShearTest
-from wovenfab.measured.columns import OF, OVER, Column, columns_of, said
+from wovenfab.measured.columns import OF, OVER, MeasuredColumn, columns_of, setting_text
 from wovenfab.measured.layout import EMPTY, Layout
 from wovenfab.measured.names import SI
 from wovenfab.measured.numbers import NAMES
@@ -44,7 +44,7 @@ class Reading:
     """
 
     table: MeasuredTable
-    columns: dict[str, Column]
+    columns: dict[str, MeasuredColumn]
     values: dict[str, Array]
     lines: NDArray[np.intp]
     skipped: tuple[tuple[int, str], ...]
@@ -239,7 +239,7 @@ def _no_shear_test(reading: Reading) -> tuple[str, str]:
     )
 
 
-def in_words(reading: Reading) -> list[str]:
+def describe_reading(reading: Reading) -> list[str]:
     """Return lines that say how a curve was read and what is in it."""
     table = reading.table
     groups = f", thousands separated by {table.thousands!r}" if table.thousands else ""
@@ -274,7 +274,7 @@ def reversed_force(reading: Reading | None) -> str:
     return (
         "the force is against the displacement: on the first branch its work is negative, which no "
         "sample at rest gives. If the machine counts pull as negative, say "
-        f"{said('units', of, f'-1 {unit}')}"
+        f"{setting_text('units', of, f'-1 {unit}')}"
     )
 
 
@@ -284,7 +284,7 @@ def _shown(cell: str) -> str:
 
 def _skipped(
     table: MeasuredTable,
-    columns: dict[str, Column],
+    columns: dict[str, MeasuredColumn],
     quantities: tuple[str, str],
     needed: NDArray[np.bool_],
 ) -> tuple[tuple[int, str], ...]:

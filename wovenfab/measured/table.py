@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from wovenfab.case.errors import case_error
-from wovenfab.measured.cells import Cells, MeasuredRow, read_bytes
+from wovenfab.measured.cells import MeasuredCells, MeasuredRow, read_bytes
 from wovenfab.measured.layout import Layout
 from wovenfab.measured.names import is_unit, unit_of
 from wovenfab.measured.numbers import (
@@ -157,7 +157,7 @@ def read_table(path: Path, layout: Layout) -> MeasuredTable:
     )  # fmt: skip
 
 
-def _sheets(path: Path, layout: Layout) -> tuple[Cells, ...]:
+def _sheets(path: Path, layout: Layout) -> tuple[MeasuredCells, ...]:
     """Return the cells of a text, or of each sheet of a workbook that counts."""
     raw = read_bytes(path)
     if is_workbook(path, raw):
@@ -169,8 +169,8 @@ def _sheets(path: Path, layout: Layout) -> tuple[Cells, ...]:
 
 
 def _longest(
-    sheets: Sequence[Cells],
-) -> tuple[Cells, list[_Block], list[MeasuredRow], list[str]]:
+    sheets: Sequence[MeasuredCells],
+) -> tuple[MeasuredCells, list[_Block], list[MeasuredRow], list[str]]:
     """Return the cells with the longest block, their blocks and last lines, and notes on others."""
     found = [(cells, *_blocks(cells.rows)) for cells in sheets]
     counts = [max((block.count for block in blocks), default=0) for _, blocks, _ in found]
@@ -389,7 +389,7 @@ def _decimal(block: _Block, separator: str, path: Path, width: int) -> str:
 
 
 def _without_cut_number(
-    rows: Sequence[MeasuredRow], cells: Cells, decimal: str
+    rows: Sequence[MeasuredRow], cells: MeasuredCells, decimal: str
 ) -> tuple[Sequence[MeasuredRow], list[str]]:
     """Return rows without a last one whose last number is cut, and a sentence on that.
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from wovenfab.case.errors import case_error
-from wovenfab.measured.cells import Cells, MeasuredRow
+from wovenfab.measured.cells import MeasuredCells, MeasuredRow
 from wovenfab.measured.numbers import is_number, plain
 
 BLANKS = " "
@@ -33,7 +33,7 @@ MARKS = {
 ZEROS = 0.7
 
 
-def cells_of_text(path: Path, raw: bytes) -> Cells:
+def cells_of_text(path: Path, raw: bytes) -> MeasuredCells:
     """Return the cells of a text.
 
     Args:
@@ -60,7 +60,7 @@ def cells_of_text(path: Path, raw: bytes) -> Cells:
         MeasuredRow(number, tuple(_cells(line, separator)), '"' in line)
         for number, line in enumerate(lines, start=1)
     )
-    return Cells(f"text: {encoding}", rows, separator, cut=bool(lines[-1].strip()))
+    return MeasuredCells(f"text: {encoding}", rows, separator, cut=bool(lines[-1].strip()))
 
 
 def _encoding(raw: bytes) -> str:

@@ -43,7 +43,7 @@ class Thinning:
     deviation: float
     scatter: float
 
-    def in_words(self, name: str, size: float) -> str:
+    def describe(self, name: str, size: float) -> str:
         """Return a sentence, with forces as shares of the largest one (N)."""
         return (
             f"{name}: {self.before} rows became {self.after} means; between them straight lines "

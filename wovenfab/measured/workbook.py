@@ -16,7 +16,7 @@ from zipfile import BadZipFile, ZipFile
 
 from wovenfab.case.errors import CaseError, case_error, describe, near_miss
 from wovenfab.lacking import load
-from wovenfab.measured.cells import Cells, MeasuredRow
+from wovenfab.measured.cells import MeasuredCells, MeasuredRow
 from wovenfab.measured.numbers import is_number, plain
 
 #: Names of workbooks.
@@ -41,7 +41,7 @@ def is_workbook(path: Path, raw: bytes) -> bool:
     return path.suffix.lower() in SUFFIXES or raw.startswith(ZIP)
 
 
-def cells_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[Cells, ...]:
+def cells_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[MeasuredCells, ...]:
     """Return the cells of the sheets of a workbook.
 
     Formulas count by their stored values. Hidden sheets count only by their name.
@@ -61,12 +61,12 @@ def cells_of_workbook(path: Path, raw: bytes, sheet: str = "") -> tuple[Cells, .
         with warnings.catch_warnings():  # on styles, which do not matter here
             warnings.simplefilter("ignore")
             book = openpyxl.load_workbook(BytesIO(raw), read_only=True, data_only=True)
-            found: list[Cells] = []
+            found: list[MeasuredCells] = []
             for chosen in _chosen(book.worksheets, sheet, path):
                 left = ROWS - sum(len(cells.rows) for cells in found)
                 rows = tuple(_rows(chosen, left, path))
                 origin = f"workbook: sheet {chosen.title!r}"
-                found.append(Cells(origin, rows, sheet=chosen.title))
+                found.append(MeasuredCells(origin, rows, sheet=chosen.title))
             if not any(sum(map(is_number, r.cells)) > 1 for cells in found for r in cells.rows):
                 formulas = openpyxl.load_workbook(BytesIO(raw), read_only=True)
                 written = (_rows(formulas[cells.sheet], ROWS, path) for cells in found)

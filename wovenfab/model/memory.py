@@ -102,7 +102,7 @@ class Variables:
             degree: Degree of its quadrature rule.
         """
         size, own = len(term.effect.memory), mesh.topology.index_map(2).size_local
-        self.now, self.last = (point_function(mesh, size, degree) for _ in "12")
+        self.now, self.last = (point_function(mesh, size, degree) for _ in range(2))
         self.points, _ = basix.make_quadrature(basix.CellType.triangle, degree)
         self._mesh, self._cells = mesh, np.arange(own, dtype=np.int32)
         self._dofs = self.now.function_space.dofmap.list[:own]

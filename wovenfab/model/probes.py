@@ -14,7 +14,7 @@ from wovenfab.compat import corners_of
 from wovenfab.model.fields import FieldProbe
 from wovenfab.model.model import Model
 from wovenfab.sheet.output_nodes import NOWHERE, OutputNodes, locate
-from wovenfab.sheet.probes import Extensometer, Gauge, Line, Place, PointProbe, Probe, Yarn, Zone
+from wovenfab.sheet.probes import Extensometer, Gauge, Line, PointProbe, Position, Probe, Yarn, Zone
 from wovenfab.sheet.sheet import Sheet
 
 
@@ -140,7 +140,7 @@ def _gauge(probe: Any, rest: NDArray[np.float64], u: NDArray[np.float64]) -> tup
     return length, length / first - 1
 
 
-def places_of(probe: Probe) -> list[Place]:
+def places_of(probe: Probe) -> list[Position]:
     """Return the reference positions (m) that a probe names as points of the sheet."""
     match probe:
         case PointProbe(at=place) | Yarn(through=place):

@@ -143,7 +143,7 @@ def headline(source: RunData) -> list[tuple[str, str]]:
     return [(name, value) for name, value in figures if value]
 
 
-def in_words(source: RunData) -> str:
+def describe_loop(source: RunData) -> str:
     """Return what the loop of a run says, in a sentence."""
     (_, peak), (_, lost), *_ = headline(source)
     return f"Peak force {peak}; energy dissipated {lost}."
@@ -212,7 +212,7 @@ def _sections(run: OpenedRun) -> Iterator[PageSection]:
     caption = "Force of the program against its displacement."
     yield section(
         "Force against displacement",
-        lambda: [picture(curves.loop(source), caption, in_words(source))],
+        lambda: [picture(curves.loop(source), caption, describe_loop(source))],
     )
     if source.figures:
         yield section("Figures of the test", lambda: _figures(source))
@@ -345,7 +345,7 @@ def _case(source: RunData) -> Sequence[Block]:
 
 def _sections_of_several(runs: Mapping[str, OpenedRun]) -> Iterator[PageSection]:
     named = [(name, run.source) for name, run in runs.items()]
-    told = " ".join(f"{name}: {in_words(source)}" for name, source in named)
+    told = " ".join(f"{name}: {describe_loop(source)}" for name, source in named)
     yield section("Runs", lambda: [_overview(named)], lambda: _differences(named))
     yield section(
         "Force against displacement",

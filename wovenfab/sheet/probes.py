@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from wovenfab.sheet.output_nodes import circle
 from wovenfab.sheet.tolerance import SAME_PLACE
 
-Place = tuple[float, float]
+Position = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class PointProbe:
         at: Reference position, m.
     """
 
-    at: Place
+    at: Position
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Extensometer:
         family: The family, 1 or 2, that it is fixed to; None for the mean of both.
     """
 
-    ends: tuple[Place, Place]
+    ends: tuple[Position, Position]
     family: int | None = None
 
 
@@ -58,7 +58,7 @@ class Line:
         points: Number of equidistant points.
     """
 
-    ends: tuple[Place, Place]
+    ends: tuple[Position, Position]
     points: int = 101
 
 
@@ -73,7 +73,7 @@ class Yarn:
     """
 
     family: int
-    through: Place
+    through: Position
     points: int = 101
 
     def ends(
@@ -106,11 +106,11 @@ Gauge = PointProbe | Extensometer | Zone
 Probe = Gauge | Line | Yarn
 
 
-def rectangle_zone(one: Place, other: Place) -> Zone:
+def rectangle_zone(one: Position, other: Position) -> Zone:
     """Return the zone of a rectangle by opposite corners (m)."""
     return Zone(shapely.box(*np.min([one, other], axis=0), *np.max([one, other], axis=0)))
 
 
-def circle_zone(centre: Place, radius: float) -> Zone:
+def circle_zone(centre: Position, radius: float) -> Zone:
     """Return the zone of a circle (m)."""
     return Zone(circle(centre, radius))

@@ -34,7 +34,7 @@ from wovenfab.record.results import (
     INPUT,
     write_whole,
 )
-from wovenfab.study.runner import Command, Ended, Submit, goes_on, here, run
+from wovenfab.study.runner import Command, Ended, Submit, goes_on, here, run_command
 
 logger = logging.getLogger(__name__)
 LOCAL, SLURM = "local", "slurm"
@@ -195,7 +195,7 @@ def run_there(command: Command, mark: Path, text: str) -> Ended:
     seen = folder.is_dir() and mark.is_file() and mark.read_text(encoding="utf-8") == text
     if command.elsewhere is not None and not seen:
         return _run_elsewhere(command.elsewhere)
-    ended = run(command, _is_cancelled)
+    ended = run_command(command, _is_cancelled)
     _try_again_if_stopped(ended, command, folder)
     return ended
 
@@ -235,7 +235,7 @@ def _run_elsewhere(command: Command) -> Ended:
             return _is_cancelled()
 
         files = {**command.files, **before}
-        ended = run(replace(command, folder=folder, files=files), look)
+        ended = run_command(replace(command, folder=folder, files=files), look)
         look()
         _try_again_if_stopped(ended, command, folder)
         kept.delete()

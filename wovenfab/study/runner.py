@@ -100,7 +100,7 @@ class Ended:
         return json.loads(self.output.splitlines()[-1])
 
 
-def run(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
+def run_command(command: Command, stopped: Callable[[], bool] = lambda: False) -> Ended:
     """Run a command and wait for its end; this thread must outlive it.
 
     Args:
@@ -205,7 +205,7 @@ def here(jobs: int) -> Iterator[Submit]:
     leaving = Event()
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            yield lambda command: pool.submit(run, command, leaving.is_set)
+            yield lambda command: pool.submit(run_command, command, leaving.is_set)
         finally:
             leaving.set()
             pool.shutdown(cancel_futures=True)

@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, ValidationError, ValidationInfo
 from wovenfab.case import lists
 from wovenfab.case.document import (
     Document,
-    Place,
+    SourceLine,
     existing_file,
     folder_of,
     parse_document,
@@ -42,7 +42,7 @@ class Variation:
     """
 
     values: Mapping[str, Any] = field(default_factory=dict)
-    places: Mapping[str, Place] = field(default_factory=dict)
+    places: Mapping[str, SourceLine] = field(default_factory=dict)
     name: str = ""
     axes: tuple[str, ...] = ()
 
@@ -77,7 +77,7 @@ def grid(axes: Sequence[Sequence[Variation]]) -> list[Variation]:
     return [reduce(or_, chosen, Variation()) for chosen in product(*axes)]
 
 
-def axis(key: str, values: Sequence[Any], place: Place) -> list[Variation]:
+def axis(key: str, values: Sequence[Any], place: SourceLine) -> list[Variation]:
     """Return a variation for each value of a key.
 
     Raises:
@@ -106,7 +106,7 @@ def read_over(text: str) -> list[Variation]:
         given = parse_document(f"[{values}]", OVER).data
     except CaseError as error:
         raise CaseError(replace(p, line=None, key=key) for p in error.problems) from error
-    return axis(key, lists.with_last_unit(given), Place(OVER, None))
+    return axis(key, lists.with_last_unit(given), SourceLine(OVER, None))
 
 
 def _short(key: str, keys: Sequence[str]) -> str:

@@ -59,7 +59,7 @@ def field_compared(
     return Comparison(rows, measured, computed, slopes, unresolved, size, of_field=True)
 
 
-def in_words(test: FieldTest, comparison: Comparison) -> str:
+def describe_field(test: FieldTest, comparison: Comparison) -> str:
     """Return in a sentence how near the computed field is, and what its points count for."""
     on = comparison.resolved
     distance = float(np.sqrt(2 * np.mean((comparison.computed - comparison.measured)[on] ** 2)))

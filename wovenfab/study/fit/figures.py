@@ -71,7 +71,7 @@ def _values(test: FigureTest, force: Array, work: Array, curve: ResponseCurve) -
     return np.array([np.nan if value is None else value for value in values])
 
 
-def in_words(test: FigureTest, comparison: Comparison) -> list[str]:
+def describe_figures(test: FigureTest, comparison: Comparison) -> list[str]:
     """Return a line for each figure: measured and fitted, in the unit of laboratories."""
     lines = []
     for f, computed in zip(test.figures, comparison.computed, strict=True):

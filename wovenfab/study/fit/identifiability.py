@@ -276,7 +276,7 @@ def sign_runs(residuals: Array) -> tuple[int, float, float]:
     return runs, expected, float(stats.norm.cdf(z))
 
 
-def in_words(known: Identifiability, fit: Fit) -> list[str]:
+def describe_identifiability(known: Identifiability, fit: Fit) -> list[str]:
     """Return sentences on what the curves tell and what they do not."""
     lines = []
     if any(i.shift > SAID * i.half for i in known.intervals):

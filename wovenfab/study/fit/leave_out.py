@@ -143,7 +143,7 @@ def misfit(predictions: Sequence[Prediction]) -> float:
     return float(np.sqrt(np.mean([m**2 for p in predictions for m in p.misfits])))
 
 
-def in_words(predictions: Sequence[Prediction]) -> list[str]:
+def describe_predictions(predictions: Sequence[Prediction]) -> list[str]:
     """Return sentences: how well each test is predicted, and what the others leave unknown."""
     lines = []
     for one in predictions:

@@ -25,7 +25,7 @@ from wovenfab.study.fit.figures import figures_compared
 from wovenfab.study.fit.fit_file import FieldTest, FigureTest, Fit, FittedTest, with_values
 from wovenfab.study.fit.response import (
     Comparison,
-    Place,
+    FieldPoints,
     ResponseCurve,
     TrialError,
     command,
@@ -107,7 +107,7 @@ class Evaluation:
 
 
 @dataclass(frozen=True)
-class Correction:
+class DiscretisationCorrection:
     """What fine runs have more than coarse ones.
 
     Attributes:
@@ -149,7 +149,7 @@ def weights(fit: Fit, comparisons: Sequence[Comparison]) -> Array:
 
 
 @dataclass(frozen=True)
-class Run:
+class CurveRequest:
     """What is computed for one or more tests.
 
     Attributes:
@@ -160,7 +160,7 @@ class Run:
 
     case: Case
     targets: Sequence[Target]
-    places: Mapping[str, Place]
+    places: Mapping[str, FieldPoints]
 
     @property
     def suffix(self) -> str:
@@ -325,34 +325,41 @@ class Objective:
         except CaseError as error:  # a formula may have values that it cannot have
             raise TrialError(str(error)) from error
         by = sha256(" ".join(map(str, targets)).encode()).hexdigest()[:8]
-        runs = [
-            Run(case, targets, self._places(test))
+        requests = [
+            CurveRequest(case, targets, self._places(test))
             for case, test in zip(cases, fit.tests, strict=True)
         ]
-        marks = [f"{fingerprint(run.case)}-{by}{run.suffix}" for run in runs]
+        marks = [f"{fingerprint(request.case)}-{by}{request.suffix}" for request in requests]
         stored = {mark: self._load(mark) for mark in marks}
         known = {mark: curve for mark, curve in stored.items() if curve is not None}
-        waiting = {mark: run for mark, run in zip(marks, runs, strict=True) if mark not in known}
+        waiting = {
+            mark: request
+            for mark, request in zip(marks, requests, strict=True)
+            if mark not in known
+        }
         fresh = self._fresh([*waiting.values()])
         for mark, curve in zip(waiting, fresh, strict=True):
             self._store.save(mark, mark, curve.as_lists())
             known[mark] = curve
         return [known[mark] for mark in marks]
 
-    def _places(self, test: FittedTest) -> dict[str, Place]:
+    def _places(self, test: FittedTest) -> dict[str, FieldPoints]:
         """Return where displacements of the case of a test are wanted, by any test of it."""
         same = (t for t in self._fit.tests if isinstance(t, FieldTest) and t.case is test.case)
-        return {one.key: Place(one.time, one.points) for one in same}
+        return {one.key: FieldPoints(one.time, one.points) for one in same}
 
-    def _fresh(self, runs: Sequence[Run]) -> Iterable[ResponseCurve]:
-        """Return the curves of runs, computed now."""
+    def _fresh(self, requests: Sequence[CurveRequest]) -> Iterable[ResponseCurve]:
+        """Return curves that are asked for, computed now."""
         if self._submit:  # a process each, on any machine
-            commands = [command(run.case, run.targets, run.places, self._ranks) for run in runs]
+            commands = [
+                command(request.case, request.targets, request.places, self._ranks)
+                for request in requests
+            ]
             return [curve_of(f.result()) for f in [*map(self._submit, commands)]]
         if not self._pool:
-            return map(_computed, runs)
+            return map(_computed, requests)
         try:  # processes that stay: most of the time of a short run would be its start
-            return [*self._pool.map(_computed, runs)]
+            return [*self._pool.map(_computed, requests)]
         except BrokenProcessPool:
             raise TrialError("the process of a run was killed, maybe for its memory") from None
 
@@ -361,8 +368,8 @@ class Objective:
         return None if data is None else ResponseCurve.of(data)
 
 
-def _computed(run: Run) -> ResponseCurve:
-    return computed(run.case, run.targets, run.places)
+def _computed(request: CurveRequest) -> ResponseCurve:
+    return computed(request.case, request.targets, request.places)
 
 
 def at_scale(case: Case, scale: float) -> Case:

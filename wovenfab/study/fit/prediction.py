@@ -207,7 +207,7 @@ def half_width(slopes: Array, values: Array, joint: JointUncertainty) -> Array:
     return np.where((np.abs(slopes @ joint.unseen.T) > limit).any(axis=1), np.inf, half)
 
 
-def in_words(columns: Mapping[str, Sequence[float]], made: FittedCase) -> list[str]:
+def describe_prediction(columns: Mapping[str, Sequence[float]], made: FittedCase) -> list[str]:
     """Return sentences on the band: its half at the largest force, of the energy, and its limits.
 
     Args:

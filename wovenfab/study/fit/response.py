@@ -31,7 +31,7 @@ from scipy.interpolate import CubicHermiteSpline, PPoly, make_interp_spline
 from wovenfab.case import Case, CaseError, read_case
 from wovenfab.case.objects import differentiate, sheet_of, simulation_of
 from wovenfab.forms.effect import Target
-from wovenfab.measured.columns import said
+from wovenfab.measured.columns import setting_text
 from wovenfab.measured.curve import Measured, reversed_force
 from wovenfab.model.model import Model, preserved
 from wovenfab.model.probes import PointFields, located
@@ -53,7 +53,7 @@ ITERATIONS = 50
 
 
 @dataclass(frozen=True)
-class Place:
+class FieldPoints:
     """Where and when displacements are wanted.
 
     Attributes:
@@ -120,7 +120,7 @@ class TrialError(Exception):
 
 
 def computed(
-    case: Case, targets: Sequence[Target], places: Mapping[str, Place] = MappingProxyType({})
+    case: Case, targets: Sequence[Target], places: Mapping[str, FieldPoints] = MappingProxyType({})
 ) -> ResponseCurve:
     """Return the curve of a case with its derivatives; collective.
 
@@ -160,7 +160,7 @@ def computed(
 
 
 def command(
-    case: Case, targets: Sequence[Target], places: Mapping[str, Place], ranks: int
+    case: Case, targets: Sequence[Target], places: Mapping[str, FieldPoints], ranks: int
 ) -> Command:
     """Return the command that computes a curve in a process of its own, on several ranks."""
     files = portable(case) | {TARGETS: pickle.dumps((list(targets), dict(places)))}
@@ -384,7 +384,7 @@ def _check_signs(measured: Measured, program: Array) -> None:
             f"{measured.file.name}: the displacement first goes from {1e3 * u[0]:.4g} to "
             f"{1e3 * u[-1]:.4g} mm, the program to {1e3 * program[1]:.4g} "
             "mm. If the machine counts the other way, say "
-            f"{said('units', 'displacement', '-1 mm')}, and maybe the same of the force"
+            f"{setting_text('units', 'displacement', '-1 mm')}, and maybe the same of the force"
         )
 
 

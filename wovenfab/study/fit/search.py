@@ -24,7 +24,7 @@ from scipy.optimize import least_squares
 from wovenfab.study.errors.refinement import exponent
 from wovenfab.study.fit.fit_file import Fit
 from wovenfab.study.fit.identifiability import LEVEL
-from wovenfab.study.fit.objective import Correction, Evaluation, FitTrial, Objective
+from wovenfab.study.fit.objective import DiscretisationCorrection, Evaluation, FitTrial, Objective
 from wovenfab.study.fit.response import TrialError
 
 Array = NDArray[np.float64]
@@ -80,7 +80,7 @@ class Found:
     converged: bool
     error: float
     shift: Array
-    correction: Correction
+    correction: DiscretisationCorrection
 
 
 @dataclass(frozen=True)
@@ -150,7 +150,7 @@ def search(objective: Objective, fit: Fit, near: Mapping[str, float] | None = No
     error, shift = discretisation_error(fit, best, coarse)
     for _ in range(MOST_FINE):
         weights = best.weights(fit)
-        correction = Correction(objective.scaled(values), best, coarse, weights)
+        correction = DiscretisationCorrection(objective.scaled(values), best, coarse, weights)
         if converged := _is_near(objective, values, best, weights):
             if not fit.refine or scale < 1 or not error > SHARE * best.misfit:
                 break
@@ -219,7 +219,7 @@ def _minimised(
     objective: Objective,
     fit: Fit,
     start: Mapping[str, float],
-    correction: Correction | None = None,
+    correction: DiscretisationCorrection | None = None,
     fixed: str = "",
     region: float = 1.0,
 ) -> tuple[dict[str, float], Evaluation]:

@@ -58,7 +58,7 @@ def specimen_values(objective: Objective, fit: Fit, found: Found) -> tuple[Speci
     return tuple(result)
 
 
-def in_words(specimens: Sequence[SpecimenValues], fit: Fit) -> list[str]:
+def describe_specimens(specimens: Sequence[SpecimenValues], fit: Fit) -> list[str]:
     """Return a line for each parameter and test: its values of the specimens and their scatter."""
     lines = []
     for number, test in enumerate(fit.tests):
