@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import signal
@@ -9,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -87,6 +88,37 @@ def test_all_members_complete_though_a_worker_is_killed(
         texts = [(run.directory / "case.yaml").read_text() for run in (one, other)]
         assert texts[0] == texts[1]
     assert max(len(read_summary(run.directory)["parts"]) for run in there) == 2
+
+
+def test_a_run_that_is_stopped_three_times_on_its_machine_completes(
+    tmp_path: Path, dask: Dask
+) -> None:
+    (tmp_path / "case.yaml").write_text(LONG)
+    members = members_of([tmp_path / "case.yaml"], grid([read_over("program.steps=100")]))
+    stops = [0.0]
+
+    def stop(state: Sweep, run: SweepRun | None) -> None:
+        for checkpoint in (tmp_path / "out").rglob("checkpoint.h5"):
+            if len(stops) <= 3 and checkpoint.stat().st_mtime > stops[-1]:
+                for number in runs_in(tmp_path):
+                    with suppress(ProcessLookupError):
+                        os.kill(number, signal.SIGKILL)
+                        stops.append(time.time())
+
+    (made,) = sweep(members, tmp_path / "out", Cluster(dask[0]), stop)
+    assert (len(stops), made.state) == (4, "finished"), made.problem
+    assert len(read_summary(made.directory)["parts"]) == 4
+
+
+def runs_in(folder: Path) -> list[int]:
+    """Return the numbers of the processes of runs in a folder."""
+    numbers = []
+    for path in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            words = (path / "cmdline").read_bytes().split(b"\0")
+            if b"run" in words and any(word.startswith(bytes(folder)) for word in words):
+                numbers.append(int(path.name))
+    return numbers
 
 
 def test_nothing_goes_on_when_the_command_is_killed(tmp_path: Path, dask: Dask) -> None:
