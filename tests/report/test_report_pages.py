@@ -27,7 +27,7 @@ from wovenfab.report.pages import (
     default_place,
     flat,
     labels,
-    values_in_words,
+    value_texts,
     write_comparison,
     write_run_page,
 )
@@ -337,4 +337,4 @@ def test_a_page_has_the_figures_of_a_standard_test_in_both_units(tmp_path: Path)
     reader = require_self_contained(write_run_page(results).read_text())
     for figure in test.figures(history).values():
         assert figure.definition in reader.texts
-        assert {*values_in_words(figure)} <= {*reader.texts}
+        assert {*value_texts(figure)} <= {*reader.texts}

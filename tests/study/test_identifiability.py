@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from tests.study.test_fit_machine import TRUTH, UNKNOWNS, Closed, fit_to, measured
 from wovenfab.study.fit.identifiability import (
-    Fidelity,
     Identifiability,
+    Misfit,
     describe_identifiability,
+    describe_unknown,
     knowledge,
     sign_runs,
-    unknown_in_words,
 )
 
 Array = NDArray[np.float64]
@@ -42,7 +42,7 @@ def known_with(correlation: float, folder: Path, shift: Array | None = None) -> 
 def test_parameters_are_named_together_where_their_correlation_is_large(
     correlation: float, together: bool, tmp_path: Path
 ) -> None:
-    lines = unknown_in_words(known_with(correlation, tmp_path))
+    lines = describe_unknown(known_with(correlation, tmp_path))
     assert any(all(name in line for name in NAMES) for line in lines) == together
 
 
@@ -62,5 +62,5 @@ def test_what_cells_and_steps_add_to_an_interval_is_said_where_it_counts(
 def test_one_of_a_hundred_curves_with_noise_is_taken_for_an_error_of_the_model() -> None:
     generator = np.random.default_rng(5)
     curves = generator.standard_normal((1000, 60))
-    taken = [Fidelity(0.0, 0.0, *sign_runs(curve)).is_model_error for curve in curves]
+    taken = [Misfit(0.0, 0.0, *sign_runs(curve)).is_model_error for curve in curves]
     assert 0.003 < np.mean(taken) < 0.03

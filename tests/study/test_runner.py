@@ -101,7 +101,7 @@ def test_a_command_has_time_to_end_when_it_is_told_to_and_one_that_does_not_is_k
     stays = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN);"
     ends: dict[int, Ended] = {}
     execute_all(
-        [Command(["-c", f"{code} time.sleep(60)"], limit=1.0) for code in (tidies, stays)],
+        [Command(["-S", "-c", f"{code} time.sleep(60)"], limit=1.0) for code in (tidies, stays)],
         here(2),
         ends.__setitem__,
     )

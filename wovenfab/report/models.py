@@ -110,7 +110,7 @@ def _fits(models: Mapping[str, FittedModel]) -> PageTable:
     names = {tuple(test.name for test in m.fit.tests) for m in models.values()}
     rows = []
     for name, m in models.items():
-        known, misfits = m.known, [f.misfit for f in m.known.fidelity]
+        known, misfits = m.known, [one.misfit for one in m.known.misfits]
         if len(names) > 1:
             misfits = [float(np.sqrt(np.mean(np.square(misfits))))]
         sure = sum(i.determined for i in known.intervals)

@@ -268,14 +268,14 @@ def _figures(source: RunData) -> Sequence[Block]:
         PageTable(
             test,
             head,
-            [[name, *values_in_words(figure), figure.definition] for name, figure in of.items()],
+            [[name, *value_texts(figure), figure.definition] for name, figure in of.items()],
             numbers=False,
         )
         for test, of in source.figures.items()
     ]
 
 
-def values_in_words(figure: Figure) -> tuple[str, str]:
+def value_texts(figure: Figure) -> tuple[str, str]:
     """Return the value of a figure in the units of a laboratory and in SI units, as texts."""
     units = (
         (figure.laboratory_value, figure.laboratory_unit),

@@ -88,7 +88,7 @@ class JointUncertainty:
 
 
 @dataclass(frozen=True)
-class Fidelity:
+class Misfit:
     """How well the model follows one curve; of figures and fields there is the misfit alone.
 
     Attributes:
@@ -126,7 +126,7 @@ class Identifiability:
         singular_values: Of the derivatives of the residuals by the scaled parameters.
         directions: Right singular vectors, one a row: combinations of scaled parameters.
         scatter: s, the residuals' size over that of the stated errors.
-        fidelity: Of each test.
+        misfits: Of each test.
         bic: Bayesian information criterion n ln(r^T r/n) + p ln n (Schwarz, Ann. Statist. 6 (1978)
             461-464, doi:10.1214/aos/1176344136): of two models for the same curves, that with the
             smaller one is worth its parameters.
@@ -140,7 +140,7 @@ class Identifiability:
     singular_values: Array
     directions: Array
     scatter: float
-    fidelity: tuple[Fidelity, ...]
+    misfits: tuple[Misfit, ...]
     bic: float
     points: int
     unresolved: tuple[int, ...] = ()
@@ -205,7 +205,7 @@ def knowledge(
         singular,
         directions,
         scatter,
-        tuple(_fidelity(t, c) for t, c in zip(fit.tests, comparisons, strict=True)),
+        tuple(_misfit(t, c) for t, c in zip(fit.tests, comparisons, strict=True)),
         float(n * np.log(max(float(residuals @ residuals), 1e-300) / n) + p * np.log(n)),
         len(weight),
         tuple(int(np.count_nonzero(~c.resolved)) for c in comparisons),
@@ -233,9 +233,9 @@ def _interval(
     return ConfidenceInterval(unknown.name, unknown.unit, value, a, b, scatter, known, at, shift)
 
 
-def _fidelity(test: FittedTest, comparison: Comparison) -> Fidelity:
+def _misfit(test: FittedTest, comparison: Comparison) -> Misfit:
     if not isinstance(test, MeasuredTest):
-        return Fidelity(comparison.misfit)
+        return Misfit(comparison.misfit)
     counted = comparison.resolved
     measured, rows = comparison.measured[counted], comparison.rows[counted]
     distance = comparison.computed[counted] - measured
@@ -252,7 +252,7 @@ def _fidelity(test: FittedTest, comparison: Comparison) -> Fidelity:
     if sample is not None and u.size:
         end = float(u[-1]) if part_at is None else part_at
         angle = float(sample.angle_at(np.array(end)))
-    return Fidelity(
+    return Misfit(
         comparison.misfit, noise / peak, runs, expected, probability,
         part_at, float(angle) if np.isfinite(angle) else None,
     )  # fmt: skip
@@ -302,8 +302,8 @@ def describe_identifiability(known: Identifiability, fit: Fit) -> list[str]:
                 f"{test.name}: {lie} in steps in which friction reverses: this tells only within "
                 "such a step where that is. Smaller steps resolve more."
             )
-    lines += unknown_in_words(known)
-    for test, f in zip(fit.tests, known.fidelity, strict=True):
+    lines += describe_unknown(known)
+    for test, f in zip(fit.tests, known.misfits, strict=True):
         angle = "" if f.angle is None else f" (shear angle {np.degrees(f.angle):.0f} degrees)"
         if f.part_at is not None:
             lines.append(
@@ -322,7 +322,7 @@ def describe_identifiability(known: Identifiability, fit: Fit) -> list[str]:
     return lines
 
 
-def unknown_in_words(known: Identifiability) -> list[str]:
+def describe_unknown(known: Identifiability) -> list[str]:
     """Return sentences on the parameters that the curves do not determine, or only together."""
     lines = []
     for i in known.intervals:

@@ -20,7 +20,7 @@ import numpy as np
 
 from wovenfab.study.cluster import Cluster
 from wovenfab.study.fit.fit_file import Fit
-from wovenfab.study.fit.identifiability import Identifiability, knowledge, unknown_in_words
+from wovenfab.study.fit.identifiability import Identifiability, describe_unknown, knowledge
 from wovenfab.study.fit.objective import HERE, Evaluation, FitTrial, Objective
 from wovenfab.study.fit.search import COARSE, discretisation_error, search_with_slack
 
@@ -122,7 +122,7 @@ def predicted(
     if as_said and coarse:
         finer = done if found.scale < 1 else None
         error, _ = discretisation_error(own, as_said, coarse, finer)
-    notes = unknown_in_words(known)
+    notes = describe_unknown(known)
     if not found.converged:
         notes.append("The search has not converged.")
     return Prediction(
@@ -167,7 +167,7 @@ def models_compared(models: Mapping[str, FittedModel]) -> list[str]:
     width = max(map(len, known))
     lines = [f"{'':{width}}  parameters  determined  misfit  BIC"]
     for name, k in known.items():
-        share = float(np.sqrt(np.mean([f.misfit**2 for f in k.fidelity])))
+        share = float(np.sqrt(np.mean([m.misfit**2 for m in k.misfits])))
         sure = sum(i.determined for i in k.intervals)
         lines.append(
             f"{name:{width}}  {len(k.intervals):10d}  {sure:10d}  {100 * share:5.2f} %  {k.bic:.1f}"

@@ -60,7 +60,7 @@ def write_result(
                 **_plain(asdict(f)),
             }
             for test, c, f in zip(
-                fit.tests, found.evaluation.comparisons, known.fidelity, strict=True
+                fit.tests, found.evaluation.comparisons, known.misfits, strict=True
             )
         ],
         "profiles": [_plain(asdict(one)) for one in profiles],
@@ -92,7 +92,7 @@ def write_models(models: Mapping[str, FittedModel], notes: Sequence[str], direct
                 "determined": sum(i.determined for i in model.known.intervals),
                 "misfits": {
                     test.name: f.misfit
-                    for test, f in zip(model.fit.tests, model.known.fidelity, strict=True)
+                    for test, f in zip(model.fit.tests, model.known.misfits, strict=True)
                 },
                 "bic": model.known.bic,
                 "leave_out": _left_out(model.predictions),
