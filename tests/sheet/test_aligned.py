@@ -7,6 +7,8 @@ from itertools import product
 import numpy as np
 import pytest
 import shapely
+from mpi4py import MPI
+from numpy.typing import NDArray
 
 from tests.outlines import (
     EDGES,
@@ -19,9 +21,24 @@ from tests.outlines import (
     tee,
     with_hole,
 )
-from wovenfab.sheet.aligned import grading_of, singular_points
-from wovenfab.sheet.fibre_mesh import across, divided, evenly, fibre_mesh, quality, special_lines
-from wovenfab.sheet.sheet import Outline, outline_of
+from wovenfab.compat import corners_of
+from wovenfab.sheet.aligned import aligned_sheet, grading_of, singular_points
+from wovenfab.sheet.fibre_mesh import (
+    across,
+    curves_along_fibres,
+    divided,
+    evenly,
+    fibre_mesh,
+    quality,
+    special_lines,
+)
+from wovenfab.sheet.sheet import Outline, Ring, outline_of
+
+
+def quality_of_worst(points: NDArray[np.float64], cells: NDArray[np.int64]) -> float:
+    """Return the least height of a cell over its longest side."""
+    return min(abs(quality(*points[cell])) for cell in cells)
+
 
 ANGLES = [(45, -45), (30, -60), (52, -38), (7, 97), (0, 90), (20, -30)]
 
@@ -52,6 +69,55 @@ def test_lines_are_spaced_to_leave_no_slivers() -> None:
     assert best > 0.05
     for positions, family in zip(moved, lines, strict=True):
         assert np.isin(family.offsets, positions).all()
+
+
+#: Angle between a fibre and a side of a hole with 48, rad.
+NEARLY_ALONG = [1e-2, -1e-2, 1e-3, 1e-5]
+
+
+@pytest.mark.parametrize("angle", NEARLY_ALONG)
+def test_cells_at_a_curve_are_not_as_flat_as_the_angle_of_a_side_to_a_fibre(angle: float) -> None:
+    side = 6.5 * 360 / 48 + 90  # one of them
+    for other in (-83.1, -75.3, -60.2):
+        shape, fibres = with_hole(48), fibres_at((side + np.degrees(angle), side + other))
+        before = quality_of_worst(*lines_and_mesh(shape, fibres, 0.05)[2])
+        sheet = aligned_sheet(MPI.COMM_SELF, shape, fibres, (HOLDS, HOLDS), 0.05 * np.sqrt(2))
+        after = quality_of_worst(sheet.mesh.geometry.x[:, :2], corners_of(sheet.mesh))
+        assert before < abs(angle) / 4
+        assert after > 0.005
+
+
+@pytest.mark.parametrize("angle", NEARLY_ALONG)
+def test_vertices_of_a_curve_move_less_than_its_chords_are_away_from_it(angle: float) -> None:
+    shape, fibres = with_hole(48), fibres_at((6.5 * 360 / 48 + 90 + np.degrees(angle), 20.3))
+    moved = curves_along_fibres(shape, fibres)
+    shifts = [
+        np.linalg.norm(a.points - b.points, axis=1)
+        for a, b in zip(moved.rings, shape.rings, strict=True)
+    ]
+    assert shifts[0] == pytest.approx(0, abs=0)  # corners stay
+    side = 2 * 0.05 * np.sin(np.pi / 48)
+    assert np.sort(shifts[1])[-2:] == pytest.approx(side * abs(np.sin(angle)), rel=1e-3)
+    assert shifts[1].max() < 0.05 * (1 - np.cos(np.pi / 48))
+    assert (shifts[1] > 0).sum() == 2  # on either side of the hole, one
+    across_it = np.diff(moved.rings[1].points, axis=0) @ across(fibres[0])
+    assert (np.abs(across_it) < 1e-15).sum() == 2
+
+
+def test_curves_that_nearly_touch_are_left_as_they_are() -> None:
+    """A vertex that moves outwards would be beyond the edge beside it."""
+    hole, fibres = with_hole(48).rings[1], fibres_at((6.5 * 360 / 48 + 90.5, 20.3))
+    moved = curves_along_fibres(with_hole(48), fibres).rings[1]
+    number = int(np.linalg.norm(moved.points - hole.points, axis=1).argmax())
+    tip = (hole.points[number] + moved.points[number]) / 2
+    away = tip - [0.4, 0.14]
+    base = tip + 100 * away
+    notch = shapely.Polygon([tip, base + across(away), base - across(away)])
+    cut = shapely.box(0, 0, 0.9, 0.3).difference(notch)
+    outside = np.array(shapely.geometry.polygon.orient(cut).exterior.coords)[:-1]
+    start = Outline((Ring(outside, (None,) * len(outside)), hole))
+    assert start.polygon.is_valid
+    assert curves_along_fibres(start, fibres) is start
 
 
 def test_special_fibres_start_where_a_clamp_ends() -> None:

@@ -11,9 +11,10 @@ from mpi4py import MPI
 from numpy.random import Generator
 from numpy.typing import NDArray
 
-from tests.outlines import HOLDS, aligned, edge_lengths
+from tests.outlines import HOLDS, aligned, edge_lengths, fibres_at
 from wovenfab.compat import corners_of
 from wovenfab.sheet.aligned import BONDED
+from wovenfab.sheet.fibre_mesh import curves_along_fibres
 from wovenfab.sheet.geometry_file import GeometryFile, outline_from_file
 
 OCC = 'SetFactory("OpenCASCADE");\n'
@@ -141,9 +142,12 @@ def test_a_random_geometry_is_meshed_with_its_area_and_edges(seed: int, tmp_path
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     areas = np.abs(one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]) / 2
     assert areas.min() > 0
-    assert areas.sum() == pytest.approx(outline.polygon.area, rel=1e-9)
+    shape = curves_along_fibres(outline, fibres_at(angles))
+    assert areas.sum() == pytest.approx(shape.polygon.area, rel=1e-9)
+    changed = shape.polygon.symmetric_difference(outline.polygon).area
+    assert changed < 1e-3 * outline.polygon.area
     named = dict.fromkeys(HOLDS, 0.0)
-    for start, end, name in outline.segments():
+    for start, end, name in shape.segments():
         if name is not None:
             named[name] += float(np.linalg.norm(end - start))
     assert edge_lengths(on) == pytest.approx(named, rel=1e-9)

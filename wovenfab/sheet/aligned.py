@@ -18,7 +18,14 @@ from mpi4py import MPI
 from numpy.typing import ArrayLike, NDArray
 
 from wovenfab.sheet.errors import GeometryError
-from wovenfab.sheet.fibre_mesh import FibreLines, fibre_mesh, quality, spaced, special_lines
+from wovenfab.sheet.fibre_mesh import (
+    FibreLines,
+    curves_along_fibres,
+    fibre_mesh,
+    quality,
+    spaced,
+    special_lines,
+)
 from wovenfab.sheet.sheet import (
     CORNER,
     Outline,
@@ -60,6 +67,7 @@ def aligned_sheet(
         grading: How the mesh shrinks towards what makes strain steep; None if it does not.
         jumps: Whether placements may jump across special fibres.
     """
+    outline = curves_along_fibres(outline, fibres)
     lines = (
         special_lines(outline, fibres[0], holds[0]),
         special_lines(outline, fibres[1], holds[1]),

@@ -108,6 +108,42 @@ def distinct(positions: Array, tolerance: float) -> Array:
     return np.asarray(ordered[np.concatenate([[True], np.diff(ordered) > tolerance])])
 
 
+#: Share of the turn at the vertices of a curve below which the angle between a side and a fibre is
+#: made zero: a vertex moves less than the chord is away from the curve.
+CHORD = 1 / 8
+
+
+def curves_along_fibres(outline: Outline, fibres: Array) -> Outline:
+    """Return the outline with those sides of its curves along a fibre that nearly are.
+
+    Where a fibre touches a curve, the cells between the fibre and the next side would be as flat
+    as the angle between both, which is as small as chance has it.
+
+    Args:
+        outline: The sheet.
+        fibres: Unit vectors along the fibres, shape (2, 2).
+    """
+    moved = Outline(tuple(_curve_along_fibres(ring, fibres) for ring in outline.rings))
+    return moved if moved.polygon.is_valid else outline  # curves that nearly touch
+
+
+def _curve_along_fibres(ring: Ring, fibres: Array) -> Ring:
+    """Return a ring with those sides of its curves along a fibre that nearly are."""
+    ahead = np.roll(ring.points, -1, axis=0) - ring.points
+    turns = np.abs(ring.turns)
+    ends = np.stack([turns, np.roll(turns, -1)])
+    points = ring.points.copy()
+    for direction in fibres:
+        rises = ahead @ across(direction)
+        flat = np.abs(rises) < CHORD * ends.min(axis=0) * np.linalg.norm(ahead, axis=1)
+        for i in np.flatnonzero(flat & (ends.max(axis=0) < CORNER)):
+            # The vertex at which the fibre touches stays.
+            touching = rises[i - 1] * rises[i] <= 0
+            moved, shift = ((i + 1) % len(points), -rises[i]) if touching else (i, rises[i])
+            points[moved] += shift * across(direction)
+    return Ring(points, ring.names)
+
+
 def _special(ring: Ring, direction: Array, holds: Mapping[str, object]) -> list[int]:
     """Return the vertices where the end of the fibres changes abruptly."""
     corners = np.flatnonzero(np.abs(ring.turns) > CORNER)
@@ -229,9 +265,12 @@ def _faces(outline: Outline, fibres: Array, offsets: Sequence[Array]) -> Sequenc
     ]
     vertices = np.concatenate([ring.points for ring in outline.rings])
     points = _merged(np.concatenate([vertices, *lines]), tolerance)
-    known = points[: len(vertices)], points[len(vertices) :].reshape(-1, 2, 2)
-    paths = [_through(start, end, known[0], tolerance) for start, end in known[1]]
     places = np.unique(points, axis=0)
+    # Where a fibre runs along a side, both have the ends of other lines there.
+    paths = [
+        _through(start, end, places, tolerance)
+        for start, end in points[len(vertices) :].reshape(-1, 2, 2)
+    ]
     edges = [_through(start, end, places, tolerance) for start, end, _ in outline.segments()]
     noded = shapely.union_all([shapely.LineString(path) for path in (*paths, *edges)])
     faces = shapely.get_parts(shapely.polygonize([noded]))
