@@ -236,6 +236,32 @@ def test_a_peak_that_falls_between_the_steps_of_the_run_counts(phase: float, mis
     assert any("missed the peak" in line for line in lines) == missed
 
 
+@pytest.mark.parametrize(("measured", "counts"), [(0.0, 2e-3), (1e-3, 2e-3), (-5e-3, 5e-3)])
+def test_larger_errors_of_steps_that_the_run_measures_itself_count(
+    measured: float, counts: float
+) -> None:
+    """Steps are chosen with coarse elements, with which a fabric may be stiffer and slower."""
+    errors = {
+        "wanted": 0.005,
+        "shortfall": "",
+        "elements": {"dissipated_J": 1e-3},
+        "steps": {"dissipated_J": 2e-3},
+    }
+    lost = np.linspace(0.0, 4.0, 30)
+    history = {
+        "time_s": lost,
+        "force_N": lost,
+        "dissipated_J": lost,
+        "force_error_of_steps_N": 0 * lost,
+        "dissipated_error_of_steps_J": measured * lost,
+    }
+    summary, case = {"dissipated_J": 4.0}, case_of("bias-1x3")
+    said = report_errors(errors, case, summary, history, None, lambda _: None)["accuracy"]
+    error = said["figures"]["dissipated_J"]
+    assert error["relative_error"] == pytest.approx(SAFETY * (1e-3 + counts))
+    assert bool(said["shortfall"]) == (error["relative_error"] > errors["wanted"])
+
+
 def test_friction_that_nowhere_slides_has_no_loss_to_be_judged() -> None:
     stuck = "effects.slip_friction={law: coulomb, strength: 1e9 N/m^2}"
     case = case_of("bias-1x3", stuck, elements(2, 0.15), "time=null", RAMP[:-1] + ", duration: 1}")
