@@ -8,13 +8,17 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
+from math import inf
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from dask import config as dask_config
 
 from benchmarks.busy import Process, dask_cluster
 from tests.study.test_fit import place
@@ -177,6 +181,58 @@ def test_a_fit_is_the_same_on_a_cluster_and_on_several_ranks(tmp_path: Path, das
     np.testing.assert_array_equal(found[0].residuals, found[1].residuals)
     np.testing.assert_array_equal(found[0].jacobian, found[1].jacobian)
     np.testing.assert_allclose(found[0].residuals, found[2].residuals, rtol=1e-8)
+
+
+@pytest.mark.parametrize("busy", [4.0, inf])
+def test_a_scheduler_may_take_some_seconds_to_answer_but_not_half_a_minute(
+    busy: float, tmp_path: Path, dask: Dask
+) -> None:
+    address, _, scheduler = dask
+    scheduler.send_signal(signal.SIGSTOP)
+    goes_on = threading.Timer(min(busy, 30.0), scheduler.send_signal, [signal.SIGCONT])
+    goes_on.start()
+    start = time.monotonic()
+    try:
+        with (
+            pytest.raises(CaseError) if busy == inf else nullcontext(),
+            Cluster(address).open(tmp_path / "out"),
+        ):
+            pass
+        assert time.monotonic() - start < 20.0
+    finally:
+        goes_on.cancel()
+        scheduler.send_signal(signal.SIGCONT)
+
+
+@pytest.mark.parametrize(("jobs", "memory"), [(None, None), (3, "5 GB")])
+def test_jobs_of_slurm_have_a_processor_and_two_gib_a_rank_unless_the_user_says_otherwise(
+    jobs: int | None, memory: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, object] = {}
+
+    class SLURMCluster:
+        def __init__(self, **options: object) -> None:
+            asked.update(options)
+
+        def __enter__(self) -> SLURMCluster:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+        def adapt(self, maximum_jobs: int) -> None:
+            asked["jobs"] = maximum_jobs
+            raise InterruptedError
+
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=SLURMCluster))
+    with (
+        dask_config.set({"jobqueue.slurm.memory": memory}),
+        pytest.raises(InterruptedError),
+        Cluster("slurm", jobs, ranks=3).open(tmp_path),
+    ):
+        pass
+    assert (asked["job_cpu"], asked["cores"], asked["processes"]) == (3, 1, 1)
+    assert (asked["memory"], asked["jobs"]) == (memory or "6 GiB", jobs or 8)
 
 
 @pytest.mark.parametrize(

@@ -9,12 +9,13 @@ of threads does the same, with no scheduler to start, to reach and to lose.
 
 from __future__ import annotations
 
+import asyncio
 import json
 import logging
 import os
 import shlex
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -109,16 +110,13 @@ class Cluster:
         for name in _QUIET:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         with (
-            _slurm(self.jobs or _JOBS, self.ranks) if self.name == SLURM else _only(self.name) as at
+            _slurm(self.jobs or _JOBS, self.ranks)
+            if self.name == SLURM
+            else _scheduler(self.name) as at,
+            Client(at, timeout=_ANSWER, set_as_default=False) as client,
         ):
-            try:
-                client = Client(at, timeout=_ANSWER, set_as_default=False)
-            except (OSError, ValueError) as error:
-                remedy = "Start one with 'dask scheduler', and workers with 'dask worker ADDRESS'."
-                raise case_error(OPTION, f"no scheduler answers at {self.name}", remedy) from error
-            with client:
-                client.subscribe_topic("all", partial(_warn_of_lost_worker, client))
-                yield client
+            client.subscribe_topic("all", partial(_warn_of_lost_worker, client))
+            yield client
 
 
 def _warn_of_lost_worker(client: Any, event: tuple[float, Mapping[str, Any]]) -> None:
@@ -132,7 +130,20 @@ def _warn_of_lost_worker(client: Any, event: tuple[float, Mapping[str, Any]]) ->
 
 
 @contextmanager
-def _only(address: str) -> Iterator[str]:
+def _scheduler(address: str) -> Iterator[str]:
+    """Yield an address at which a scheduler answers: a client would wait for any answer."""
+    from distributed import rpc
+
+    async def identify() -> None:
+        async with asyncio.timeout(_ANSWER), rpc(address) as scheduler:
+            await scheduler.identity()
+
+    try:
+        with ThreadPoolExecutor(1) as own:  # a notebook has a loop of its own in this thread
+            own.submit(lambda: asyncio.run(identify())).result()
+    except (OSError, ValueError, OverflowError, ImportError) as error:
+        remedy = "Start one with 'dask scheduler', and workers with 'dask worker ADDRESS'."
+        raise case_error(OPTION, f"no scheduler answers at {address}", remedy) from error
     yield address
 
 
