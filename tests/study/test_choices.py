@@ -15,6 +15,7 @@ from tests.record.test_standard_tests import SHEAR
 from tests.study.test_estimate import ALONE, SPIN, case_of, elements, sheet
 from wovenfab.case import Case
 from wovenfab.case.objects import simulation_of
+from wovenfab.record.history import ERRORS
 from wovenfab.sheet.sheet import Sheet
 from wovenfab.solver.problem import SolveResult
 from wovenfab.stepping.step import Step, StepFailedError
@@ -236,28 +237,24 @@ def test_a_peak_that_falls_between_the_steps_of_the_run_counts(phase: float, mis
     assert any("missed the peak" in line for line in lines) == missed
 
 
+@pytest.mark.parametrize("figure", ["peak_force_N", "dissipated_J"])
 @pytest.mark.parametrize(("measured", "counts"), [(0.0, 2e-3), (1e-3, 2e-3), (-5e-3, 5e-3)])
 def test_larger_errors_of_steps_that_the_run_measures_itself_count(
-    measured: float, counts: float
+    measured: float, counts: float, figure: str
 ) -> None:
     """Steps are chosen with coarse elements, with which a fabric may be stiffer and slower."""
     errors = {
         "wanted": 0.005,
         "shortfall": "",
-        "elements": {"dissipated_J": 1e-3},
-        "steps": {"dissipated_J": 2e-3},
+        "elements": {figure: 1e-3},
+        "steps": {figure: 2e-3},
     }
-    lost = np.linspace(0.0, 4.0, 30)
-    history = {
-        "time_s": lost,
-        "force_N": lost,
-        "dissipated_J": lost,
-        "force_error_of_steps_N": 0 * lost,
-        "dissipated_error_of_steps_J": measured * lost,
-    }
-    summary, case = {"dissipated_J": 4.0}, case_of("bias-1x3")
+    rising = np.linspace(0.0, 4.0, 30)
+    history = dict.fromkeys(("time_s", "force_N", "dissipated_J"), rising)
+    history |= dict.fromkeys(ERRORS, measured * rising)
+    summary, case = {figure: 4.0}, case_of("bias-1x3")
     said = report_errors(errors, case, summary, history, None, lambda _: None)["accuracy"]
-    error = said["figures"]["dissipated_J"]
+    error = said["figures"][figure]
     assert error["relative_error"] == pytest.approx(SAFETY * (1e-3 + counts))
     assert bool(said["shortfall"]) == (error["relative_error"] > errors["wanted"])
 

@@ -182,7 +182,7 @@ def report_errors(
     if loaded and len(answer):
         values["peak_displacement_m"] = peak_force(answer)
     if steps:
-        measured = _measured(history)
+        measured = _measured_errors(history)
         steps = {n: max(e, measured.get(n, 0.0), key=abs) for n, e in steps.items()}
     figures = {
         name: _error(values[name], errors["elements"].get(name), steps, name, missed.get(name, 0.0))
@@ -206,7 +206,7 @@ def report_errors(
     return more
 
 
-def _measured(history: Mapping[str, Array]) -> dict[str, float]:
+def _measured_errors(history: Mapping[str, Array]) -> dict[str, float]:
     """Return the signed errors of steps that a run measured itself, over its figures."""
     if any(name not in history or not len(history[name]) for name in ERRORS):
         return {}
