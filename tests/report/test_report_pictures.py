@@ -8,19 +8,21 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from mpi4py import MPI
 
 from tests.report.sample import make
 from wovenfab.cli.report import report_results
-from wovenfab.record.fields import FieldSeries, read_fields
+from wovenfab.record.fields import FieldSeries, StoredFields, read_fields
 from wovenfab.record.history import read_history
 from wovenfab.report.curves import MOST_CYCLES, loop, losses
 from wovenfab.report.pictures import ReportError, draw
-from wovenfab.report.run_data import open_run_data
-from wovenfab.report.sheet import MODE_SIZE, deformed, mode
+from wovenfab.report.run_data import RunData, open_run_data
+from wovenfab.report.sheet import MODE_SIZE, DisplacedSheet, deformed, mode, sheet_at
 from wovenfab.report.style import house_style, readable, save
+from wovenfab.report.yarns import Triangles
 from wovenfab.sheet.output_nodes import OutputNodes
 
 
@@ -120,6 +122,27 @@ def test_the_yarns_are_those_of_both_families(two: Path) -> None:
     assert len(yarns) == 2
     for family in yarns:
         assert 20 <= len(family.get_segments()) <= 30
+
+
+@pytest.mark.parametrize("is_upright", [False, True])
+def test_the_legend_leaves_the_subtitle_free(
+    is_upright: bool, two: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def upright(source: RunData, stored: StoredFields, index: int) -> DisplacedSheet:
+        lying = sheet_at(source, stored, index)
+        mesh = Triangles(lying.mesh.points[:, ::-1], lying.mesh.triangles)
+        return DisplacedSheet(mesh, tuple(u[:, ::-1] for u in lying.families), lying.fibres)
+
+    if is_upright:
+        monkeypatch.setattr("wovenfab.report.sheet.sheet_at", upright)
+    with house_style():
+        figure = deformed(open_run_data(two), read_fields(two))
+        FigureCanvasAgg(figure).draw()
+    axes = figure.axes[0]
+    (subtitle,) = [text for text in axes.texts if "at 60 mm" in text.get_text()]
+    legend = axes.get_legend().get_window_extent()
+    assert not legend.overlaps(subtitle.get_window_extent())
+    assert not legend.overlaps(axes.get_window_extent().padded(-2))
 
 
 def test_one_placement_is_coloured_by_the_shear_angle(small: Path) -> None:

@@ -246,7 +246,8 @@ def _coloured(
     scale: Scale | None = None,
 ) -> Figure:
     """Return the figure of a displaced sheet with its yarns, coloured by values (SI), if any."""
-    figure = Figure(figsize=figure_size(np.ptp(sheet.points, axis=0)))
+    wide, high = size = np.ptp(sheet.points, axis=0)
+    figure = Figure(figsize=figure_size(size))
     axes = figure.add_subplot(aspect="equal")
     if values is not None and scale is not None:
         painted = paint(axes, sheet, scale(values), scale.ramp, scale.norm)
@@ -254,7 +255,11 @@ def _coloured(
     draw_outline(axes, sheet)
     draw_yarns(axes, sheet)
     label_sheet(axes, wrap(title, 74), subtitle)
-    axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=3, handlelength=1.6, borderpad=0.2)
+    # Above a sheet that is higher than wide there is room for the subtitle alone.
+    beside = (
+        {"loc": "upper left", "ncols": 1} if high > wide else {"loc": "lower right", "ncols": 3}
+    )
+    axes.legend(bbox_to_anchor=(1, 1), handlelength=1.6, borderpad=0.2, **beside)
     axes.autoscale_view()
     return figure
 
